@@ -70,15 +70,15 @@ class Collector(Generic[T]):
 
         Up to row ``until[k]`` it is fix k that is still to come.
         """
-        last = int(until[-1])
-        if last > self._noted:
-            received, fused, newest_ns = engine.fix_counts()
-            number = np.arange(len(until))
-            newest = np.maximum.accumulate([newest_ns, *validities_ns[:-1]])
-            counts = np.column_stack([received + number, fused + number, newest])
-            rows = np.arange(self._noted, last)
-            self._fixes[self._noted : last] = counts[np.searchsorted(until, rows, side='right')]
-            self._noted = last
+        received, fused, newest_ns = engine.fix_counts()
+        for number, (row, validity_ns) in enumerate(
+            zip(until.tolist(), validities_ns, strict=True)
+        ):
+            if row > self._noted:
+                counts = received + number, fused + number, newest_ns
+                self._fixes[self._noted : row] = counts
+                self._noted = row
+            newest_ns = max(newest_ns, validity_ns)
 
     def drain(self) -> None:
         """Pass all waiting rows to the sink."""

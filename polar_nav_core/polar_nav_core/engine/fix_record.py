@@ -29,32 +29,22 @@ def content_of(fix: Fix) -> int:
     array, or the range and the bearing with the pose of the station. The name of the sender is
     free text, and not part of it.
     """
-    digest = _hash()
     polar = fix.polar
     if polar is None:
-        digest.update(fix.r_e.tobytes())
-        digest.update(fix.covariance_e.tobytes())
-        digest.update(fix.relative_e.tobytes())
-        digest.update(struct.pack('<d', fix.array_heading))
-    else:
-        pose = (*polar.station, polar.station_heading)
-        digest.update(struct.pack('<6d', *pose, polar.range, polar.bearing))
-    return _number(digest)
+        heading = struct.pack('<d', fix.array_heading)
+        parts = fix.r_e.tobytes(), fix.covariance_e.tobytes(), fix.relative_e.tobytes(), heading
+        return _hash(b''.join(parts))
+    pose = (*polar.station, polar.station_heading)
+    return _hash(struct.pack('<6d', *pose, polar.range, polar.bearing))
 
 
 def _name_of(fix: Fix) -> int:
     """Hash (64 bits) of the sender and its number of the fix."""
-    digest = _hash()
-    digest.update(f'{fix.sequence} {fix.source}'.encode())
-    return _number(digest)
+    return _hash(f'{fix.sequence} {fix.source}'.encode())
 
 
-def _hash() -> hashlib.blake2b:
-    return hashlib.blake2b(digest_size=8)
-
-
-def _number(digest: hashlib.blake2b) -> int:
-    return int.from_bytes(digest.digest(), 'little')
+def _hash(data: bytes) -> int:
+    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), 'little')
 
 
 class FixRecord:

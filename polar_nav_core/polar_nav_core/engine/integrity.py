@@ -264,7 +264,7 @@ class IntegrityMonitor:
 
     def _followed(self) -> float:
         """How far fixes that had been refused have moved the estimate [m]; back counts off."""
-        return float(np.linalg.norm(self._followed_G))
+        return math.hypot(*self._followed_G.tolist())
 
     def lasting(self, stamp_ns: int) -> bool:
         """Whether fixes have been refused for longer than `max_gated_s` at a stamp."""

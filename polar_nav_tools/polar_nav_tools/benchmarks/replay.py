@@ -34,7 +34,7 @@ from .whole_bag import WholeBag, arrays_of, opened, scored, take_whole_bag, whol
 
 DISTRIBUTIONS = ('numpy', 'numba', 'mcap', 'mcap-ros2-support', 'zstandard', 'isal', 'rclpy')
 PART_MINUTES = 10.0
-REAL_TIME = 10_000.0
+REAL_TIME = 5_000.0
 AGAINST_PEER = 25.0
 AGAINST_BARE = 3.0
 MEMORY_MB = 1000.0

@@ -51,9 +51,8 @@ def beyond_stated(shared: Array | None) -> list[Condition]:
     if shared is None:
         return []
     known = np.diagonal(shared[1:])
-    judged = known > KNOWN
-    chi_square = np.where(judged, shared[0] ** 2 / np.where(judged, known, 1.0), 0.0)
-    worst = float(chi_square.max())
+    chi_square = (known > KNOWN) * shared[0] ** 2 / np.maximum(known, KNOWN)
+    worst = max(chi_square.tolist())
     if not worst > _BEYOND:
         return []
     names, culprit = [], Culprit.NONE

@@ -99,7 +99,7 @@ class Watchdog:
         for stream in (DVL, DEPTH):
             found += _refusals(view, s, stream)
         too_fast = view.speed > self._envelope.max_speed
-        contradicted = float(np.abs(s.grid_mean[DVL, watch.SHORT]).max())
+        contradicted = max(map(abs, s.grid_mean[DVL, watch.SHORT].tolist()))
         enough = s.number[DVL, watch.SHORT] >= FEWEST
         share = s.refused[DVL, watch.SHORT] if enough else 0.0
         found += self._runaway.look(view.stamp_ns, too_fast, share, contradicted)
@@ -283,7 +283,7 @@ def scatter(s: Statistics, stream: int, *, early: bool = False) -> list[Conditio
     """A sensor that scatters more than stated; ``early`` looks at the cumulative sums, too."""
     sigmas = float(s.nis_sigmas[stream, watch.LONG])
     lasting = s.number[stream, watch.LONG] >= 5.0 * FEWEST and sigmas > _SCATTER_SIGMAS
-    rising = early and s.noise_rise[stream].max() > _RISE[stream]
+    rising = early and max(s.noise_rise[stream].tolist()) > _RISE[stream]
     if not lasting and not rising:
         return []
     nis = float(s.nis[stream, watch.LONG if lasting else watch.SHORT])
@@ -299,7 +299,7 @@ def _calm(s: Statistics) -> list[Condition]:
     """Fixes that scatter far less than stated."""
     nis = float(s.nis[FIX, watch.LONG])
     enough = s.number[FIX, watch.LONG] >= 5.0 * FEWEST and nis < _CALM
-    if not enough or not s.calm_rise[FIX].max() > _RISE[FIX]:
+    if not enough or not max(s.calm_rise[FIX].tolist()) > _RISE[FIX]:
         return []
     sentence = (
         f'position fixes scatter far less than stated (NIS {nis:.2f} per degree of freedom): '
@@ -310,7 +310,7 @@ def _calm(s: Statistics) -> list[Condition]:
 
 def _alike(s: Statistics, stream: int) -> list[Condition]:
     """A sensor whose innovations resemble the ones before, where that is no mean of them."""
-    if not s.alike_rise[stream].max() > _RISE[stream]:
+    if not max(s.alike_rise[stream].tolist()) > _RISE[stream]:
         return []
     name = _NAMES[stream]
     sentence = (

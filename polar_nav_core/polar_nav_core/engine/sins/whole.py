@@ -231,7 +231,12 @@ class SinsArrays:
     def decisions(self, first: int) -> tuple[Array, Ints]:
         """Outcomes (n, OUTCOME) and notes (n, 3) of the decided fixes, from an index on."""
         streams = self.filter.streams
-        places = np.arange(first, self.fixes) % len(streams.fix_stamps)
+        length, end = len(streams.fix_stamps), self.fixes
+        begin = first % length
+        if begin + end - first <= length:  # in one piece, nearly always
+            here = slice(begin, begin + end - first)
+            return streams.fix_outcomes[here].copy(), streams.fix_notes[here].copy()
+        places = np.arange(first, end) % length
         return streams.fix_outcomes[places], streams.fix_notes[places]
 
     def outcome_of(self, row: Array) -> Outcome:
