@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.statistics import WIDTH, fill_statistics, largest_share
 from polar_nav_core.machine_code import Direct

@@ -21,6 +21,9 @@ from .results import FixResult
 from .sins.whole import SinsArrays
 from .verdicts import Verdict
 
+_STRETCH = 1024
+"""Most fixes that go to the compiled loop at a time."""
+
 
 def diverge(engine: Engine, arrays: WholeArrays, why: FilterDivergence, stamp_ns: int) -> None:
     """Restore a filter that was lost in the compiled loop, and continue with the new one."""
@@ -48,8 +51,8 @@ class FixesAtOnce:
         self._arrays = arrays
         self._collector = collector
 
-    def fuse(self, events: Sequence[Event | Look]) -> int:
-        """Fuse the leading fixes of ``events`` with all data before them; returns their number.
+    def fuse(self, events: Sequence[Event | Look], start: int) -> int:
+        """Fuse fixes from a place among events on, with all data before them.
 
         Returns
         -------
@@ -57,7 +60,7 @@ class FixesAtOnce:
             Number of fixes up to the first that is refused or has to be judged in Python.
         """
         engine, arrays = self._engine, self._arrays
-        fixes = self._plain(events)
+        fixes = self._plain(events, start)
         if not fixes:
             return 0
         first, settled = arrays.fixes, 0
@@ -84,12 +87,14 @@ class FixesAtOnce:
             engine.last_imu_ns = arrays.stamp_ns
         return settled
 
-    def _plain(self, events: Sequence[Event | Look]) -> list[Fix]:
-        """Leading fixes that only the filter's history or gate can refuse."""
+    def _plain(self, events: Sequence[Event | Look], start: int) -> list[Fix]:
+        """Fixes from a place on that only the filter's history or gate can refuse."""
         found: list[Fix] = []
         ticks: set[int] = set()
         ledger = self._engine.ledger
-        for event in events:
+        # One by one: to slice a list is to touch every event of it.
+        for number in range(start, min(start + _STRETCH, len(events))):
+            event = events[number]
             if not isinstance(event, Fix) or not ledger.integrity.quiet:
                 break
             if event.delay_sigma > 0.0:  # widened by the velocity of then

@@ -61,8 +61,6 @@ Progress = Callable[[float], None]
 RowSink = Callable[[Track], None]
 """Called with the rows of a run some hundred at a time; they are overwritten after the call."""
 
-_STRETCH = 1024
-"""Most fixes that go to the compiled loop at a time."""
 _END_NS = NEVER_NS - 1
 
 
@@ -310,7 +308,7 @@ class _Driver:
         """Fuse fixes from an index on in the compiled loop; returns their number, perhaps 0."""
         if self._fixes is None or not self._engine.navigating:
             return 0
-        return self._fixes.fuse(self._single[number : number + _STRETCH])
+        return self._fixes.fuse(self._single, number)
 
     def _one(self, event: Event | Look) -> int:
         """Process one event, or look, after all data before it; returns 1."""
