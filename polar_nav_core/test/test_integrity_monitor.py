@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from fix_samples import S, fix
 
+from polar_nav_core.engine.fix_rules import held, out_of_reach
 from polar_nav_core.engine.health.conditions import Culprit, Level
-from polar_nav_core.engine.integrity import IntegrityMonitor, held, out_of_reach
+from polar_nav_core.engine.integrity import IntegrityMonitor
 from polar_nav_core.engine.params import EngineParams
 
 AWAY = np.array([300.0, 400.0, 0.0])
@@ -52,7 +53,7 @@ def test_a_new_monitor_has_nothing_to_report():
 def test_the_condition_of_the_watchdog_has_the_same_sentence():
     for monitor, key in ((refused(4), 'fixes gated'), (refused(0), 'no fixes')):
         state = monitor.state(42 * S)
-        condition = state.condition
+        (condition,) = state.conditions
         assert (condition.key, condition.level, condition.culprit, condition.sentence) == (
             key, state.level, Culprit.FIXES, state.sentence,
         )  # fmt: skip

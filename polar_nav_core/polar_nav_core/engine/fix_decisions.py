@@ -7,7 +7,7 @@ from typing import NamedTuple
 from ..identification.result import Identification
 from .driver import Adaptation, Driver
 from .events import Fix
-from .integrity import held, out_of_reach, submerged
+from .fix_rules import held, out_of_reach, submerged
 from .ledger import FixLedger
 from .level import degrees_of_freedom
 from .outputs import Receipt

@@ -79,13 +79,12 @@ class HealthMonitor:
         # Of the state's own stamp: a node looks after the next sample came, a whole run before.
         stamp_ns, ledger = fusion.stamp_ns, self._ledger
         agreement = ledger.integrity.state(stamp_ns)
-        found = [] if agreement.level is Level.OK else [agreement.condition]
-        found += self._switches.conditions()
+        found = self._switches.conditions()
         resets += restored.count
         if isinstance(fusion, StationFusion):
             # A station stays where it is: what its fixes contradict may be the vehicle's model.
             either = Culprit.FIXES | Culprit.MODEL
-            found = [replace(condition, culprit=either) for condition in found]
+            found = [*(replace(c, culprit=either) for c in agreement.conditions), *found]
             found += ledger.conditions(stamp_ns)
             found += self._clock.conditions(stamp_ns)
             found += restored.conditions(stamp_ns)
@@ -100,9 +99,10 @@ class HealthMonitor:
             found += self._heading_unknown(fusion, beginning.stated_heading)
             found += self._pings_too_sure(stamp_ns, too_sure_ns)
             view = view_of(fusion, stamp_ns, resets)
+            agreed = agreement.conditions
             if agreement.gated_run >= ALARMING:
-                found[0] = refused_alone(found[0], view)
-            return self._watchdog.look(view, found)
+                agreed = [refused_alone(condition, view) for condition in agreed]
+            return self._watchdog.look(view, [*agreed, *found])
         return None
 
     def _heading_unknown(self, fusion: Fusion, at_start: float) -> list[Condition]:
