@@ -27,6 +27,8 @@ Complex: TypeAlias = NDArray[np.complex128]
 
 FEWEST = 10
 """Refused fixes in a row that are weighed."""
+_FEWEST_SINCE = 6
+"""Of those since a moment from which on the heading is unknown: there is less to be told apart."""
 _CERTAIN = 0.9999
 """Chi-square probability beyond which an explanation is none."""
 _MUCH_WORSE = 2.0
@@ -114,11 +116,21 @@ class RefusedRow:
         """Begin a new row: a fix was used, or the covariance enlarged."""
         self._row.clear()
 
-    def turn(self, C_e_G: Array, sigmas: Unlearnt) -> Turn | None:
-        """Turn of dead reckoning that explains the row; None if an offset does, or nothing."""
-        if len(self._row) < FEWEST:
-            return None
-        return turn_of(sorted(self._row, key=lambda r: r.validity_ns), C_e_G, sigmas)
+    def turn(self, C_e_G: Array, sigmas: Unlearnt, since_ns: int | None = None) -> Turn | None:
+        """Turn of dead reckoning that explains the row; None if an offset does, or nothing.
+
+        Parameters
+        ----------
+        C_e_G, sigmas
+            As of `turn_of`.
+        since_ns : int, optional
+            Fixes that are valid later count, and fewer of them are enough.
+        """
+        row = sorted(self._row, key=lambda r: r.validity_ns)
+        fewest = FEWEST
+        if since_ns is not None:
+            row, fewest = [r for r in row if r.validity_ns > since_ns], _FEWEST_SINCE
+        return turn_of(row, C_e_G, sigmas) if len(row) >= fewest else None
 
 
 def turn_of(row: list[Refused], C_e_G: Array, sigmas: Unlearnt) -> Turn | None:

@@ -12,7 +12,9 @@ import numpy as np
 from ...error_model import X
 from ...kernels.sins import heading
 from ...kernels.sins import update as kf
+from ...kernels.sins import state as fs
 from ...kernels.sins.consider import DVL_YAW
+from ...kernels.sins.reopen import AGAIN_NS
 from ...kernels.sins.state import State
 from ..disagreement import MOST_HEADING, RefusedRow, Turn, Unlearnt
 from ..params import EngineParams
@@ -38,12 +40,25 @@ def weigh_refused(
     """
     if not p.reopen_after_s:
         return False
-    heading = min(sigma_heading, MOST_HEADING)
-    turn = row.turn(f.frames.C_e_G, Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma))
+    since_ns = _opened_ns(f)
+    heading = min(sigma_heading, MOST_HEADING) if since_ns is None else MOST_HEADING
+    unlearnt = Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma)
+    turn = row.turn(f.frames.C_e_G, unlearnt, since_ns)
     if turn is None:
         return False
     turn_state(f, turn.aged((f.stamp_ns - row.newest_ns) * 1e-9), p.dvl_scale_sigma)
     return True
+
+
+def _opened_ns(f: NavigationFilter) -> int | None:
+    """When the DVL's gate had to be opened again [ns]; None if it was not, or is long ago.
+
+    What was wrong with the attitude then, a turn that the gyros missed or one that never was, may
+    have been about up, too: a DVL does not show it.
+    """
+    opened_ns = int(f.state.counters[fs.OPENED_NS + fs.DVL_ROW])
+    lately = opened_ns > f.start_ns and f.stamp_ns - opened_ns < AGAIN_NS
+    return opened_ns if lately else None
 
 
 def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:

@@ -28,7 +28,7 @@ import math
 from .. import watch
 from ..cache import entry, kernel
 from . import state as fs
-from .gap import MOST_TILT
+from .gap import MOST_HEADING, MOST_TILT
 from .settings import Settings
 from .shared import clear_shared
 from .signatures import clear_evidence
@@ -192,6 +192,7 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
         speed2 += (s.v_G[k] - w.z[k]) * (s.v_G[k] - w.z[k])
     for k in range(2):
         s.P[k, k] += tilt * tilt
+    s.P[UP, UP] += MOST_HEADING * MOST_HEADING
     _doubt_gyros(s, w, since_s)
     turned = max(s.P[0, 0], s.P[1, 1], s.P[2, 2]) * speed2
     for a in range(fs.VECTOR):
