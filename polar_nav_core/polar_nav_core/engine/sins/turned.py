@@ -11,8 +11,8 @@ import numpy as np
 
 from ...error_model import X
 from ...kernels.sins import heading
-from ...kernels.sins import update as kf
 from ...kernels.sins import state as fs
+from ...kernels.sins import update as kf
 from ...kernels.sins.consider import DVL_YAW
 from ...kernels.sins.reopen import AGAIN_NS
 from ...kernels.sins.state import State
