@@ -13,6 +13,7 @@ from polar_nav_core.engine.sins.settings import make_settings
 from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.sins import enlarged, reopen
 from polar_nav_core.kernels.sins import state as fs
+from polar_nav_core.kernels.sins.carried import carried_heading_rows
 from polar_nav_core.kernels.sins.update import N
 from polar_nav_core.kernels.sins.work import make_work
 
@@ -269,14 +270,34 @@ def test_a_dvl_that_has_not_agreed_for_long_says_nothing_of_gyros():
 
 
 @pytest.mark.parametrize('attitude', [(5e-3, 2e-3, 3e-3), (1e-3, 4e-3, 3e-3), (1e-3, 2e-3, 9e-3)])
-def test_its_noise_gets_what_the_least_known_angle_makes_of_the_velocity(attitude):
+def test_its_noise_gets_what_the_larger_tilt_makes_of_the_velocity(attitude):
+    """Not what the heading does: the velocity turns with it (`doubt_heading`)."""
     s, w = begun_anew(2.0, attitude)
     tilt = 0.5 / (9.8 * 2.0)
-    heading = 2.0 * tilt  # of a bias that makes the tilt: 2 |z| / (g t)
-    angle = max(attitude[0] + tilt**2, attitude[1] + tilt**2, attitude[2] + heading**2)
-    turned = angle * np.sum((s.v_G - w.z) ** 2)
+    turned = (max(attitude[0], attitude[1]) + tilt**2) * np.sum((s.v_G - w.z) ** 2)
     np.testing.assert_allclose(np.diagonal(w.R), 0.01 + turned, rtol=1e-9)
     np.testing.assert_array_equal(w.R - np.diag(np.diagonal(w.R)), 0.0)
+
+
+@pytest.mark.parametrize('carried', [(0.0, 0.0), (0.3, -0.2)])
+def test_an_unknown_heading_is_what_no_ping_shows(carried):
+    """By the rows that a ping has in grid axes: H P H^T is that of before."""
+    s = fs.make_state()
+    rng = np.random.default_rng(6)
+    A = rng.normal(size=(N, N))
+    s.P[:] = A @ A.T
+    s.v_G[:] = 1.0, 2.0, -0.5
+    s.carried[:] = carried
+    before = s.P.copy()
+    reopen.doubt_heading(s)
+    H = np.zeros((3, N))
+    H[:, 3:6] = np.eye(3)
+    carried_heading_rows(H, s.v_G, s.carried)
+    np.testing.assert_allclose(H @ s.P, H @ before, atol=1e-12)
+    grown = s.P - before
+    assert np.linalg.matrix_rank(grown, tol=1e-9) == 1
+    assert grown[2, 2] == pytest.approx(0.25)
+    np.testing.assert_array_equal(s.P, s.P.T)
 
 
 @pytest.mark.parametrize(

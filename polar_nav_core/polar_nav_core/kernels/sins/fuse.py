@@ -26,7 +26,7 @@ from .hindsight import (
 )
 from .imu import place
 from .judge import adapt_noise, dof_of, is_definite_in_doubt, judge, passes, remember
-from .reopen import begin_anew, may_begin_anew, open_gate, opens
+from .reopen import begin_anew, doubt_heading, may_begin_anew, open_gate, opens
 from .rings import Log, Past
 from .runaway import follow, open_wide, runs_away
 from .settings import Settings
@@ -201,6 +201,10 @@ def fuse_rows(
     if c.carries_heading and stream == fs.DVL_ROW and not anew and not is_held(log):
         note_ping(s.carried, s.v_G, w.x)
     apply_correction(s, c, past, w, log)
+    if anew:
+        hold_covariance(s, w)
+        doubt_heading(s)
+        tell_enlarged(s, w, log)
     return fs.FUSED
 
 

@@ -192,13 +192,32 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
         speed2 += (s.v_G[k] - w.z[k]) * (s.v_G[k] - w.z[k])
     for k in range(2):
         s.P[k, k] += tilt * tilt
-    s.P[UP, UP] += MOST_HEADING * MOST_HEADING
     _doubt_gyros(s, w, since_s)
-    turned = max(s.P[0, 0], s.P[1, 1], s.P[2, 2]) * speed2
+    turned = max(s.P[0, 0], s.P[1, 1]) * speed2
     for a in range(fs.VECTOR):
         w.R[a, a] += turned
         for k in range(3):
             w.H[a, k] = 0.0
+
+
+@kernel
+def doubt_heading(s: State) -> None:
+    """Let the heading be unknown after a ping that began anew, and the velocity turn with it.
+
+    What was wrong with the attitude, a turn that the gyros missed or one that never was, may have
+    been about up, too. A turn of both together is what pings do not show (`carried`): fixes do.
+    """
+    variance = MOST_HEADING * MOST_HEADING
+    x, y = s.v_G[0] + s.carried[0], s.v_G[1] + s.carried[1]
+    s.P[UP, UP] += variance
+    s.P[VELOCITY, VELOCITY] += variance * y * y
+    s.P[VELOCITY + 1, VELOCITY + 1] += variance * x * x
+    s.P[VELOCITY, VELOCITY + 1] -= variance * x * y
+    s.P[VELOCITY + 1, VELOCITY] -= variance * x * y
+    s.P[UP, VELOCITY] += variance * y
+    s.P[VELOCITY, UP] += variance * y
+    s.P[UP, VELOCITY + 1] -= variance * x
+    s.P[VELOCITY + 1, UP] -= variance * x
 
 
 @kernel
