@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ...error_model import X
-from ...kernels.sins import heading
+from ...kernels.sins import enlarged, heading
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...kernels.sins.consider import DVL_YAW
@@ -76,6 +76,7 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     x[X.b_gyro_b] = -turn.rate * up_b
     if f.settings.heading.on:  # a compass that agreed is off by as much
         x[heading.BIAS] = turn.angle
+    enlarged.hold_covariance(state, f.work)
     before = P.copy()  # velocity goes round the arc: nothing nonlinear is left
     taken = state.carried + state.v_G[:2]
     f.feed_back(x)
@@ -97,6 +98,7 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     P += scale_sigma**2 * stretched @ stretched.T
     P[X.dr_e, X.dr_e] += turn.distance**2 * C_e_G[:2].T @ C_e_G[:2]
     P[:] = 0.5 * (P + P.T)
+    enlarged.tell_enlarged(state, f.work, f.log)
     forget_fixes(f)
 
 
