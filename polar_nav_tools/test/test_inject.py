@@ -163,6 +163,17 @@ def test_parts_of_an_imu(sins):
     last = [r.values for r in sins.inject('imu_mirrored@6') if r.stream == IMU][-1]
     for name in VECTORS[IMU]:
         assert same(last[name], before[-1][name] * [1.0, -1.0, 1.0])
+    after = [r.values for r in sins.inject('imu_gyro_axis_stuck:1@6') if r.stream == IMU]
+    for k in stuck:
+        x, *others = after[k]['omega_ib_b']
+        assert x == before[stuck[0] - 1]['omega_ib_b'][0]
+        assert same(others, before[k]['omega_ib_b'][1:])
+    assert sum(values is not before[k] for k, values in enumerate(after)) == 100
+    after = [r.values for r in sins.inject('imu_gyro_degrees:1@6') if r.stream == IMU]
+    assert same(after[stuck[5]]['omega_ib_b'], np.degrees(before[stuck[5]]['omega_ib_b']))
+    after = [r.values for r in sins.inject('imu_yaw:30@6') if r.stream == IMU]
+    more = [a['omega_ib_b'] - b['omega_ib_b'] for a, b in zip(after, before, strict=True)]
+    np.testing.assert_allclose(0.01 * np.sum(more, axis=0), [0.0, 0.0, np.radians(30.0)])
     last = [r.values for r in sins.inject('imu_gyro_step:0.5@6') if r.stream == IMU][-1]
     assert same(last['omega_ib_b'], before[-1]['omega_ib_b'] + 0.5)
     assert same(last['f_b'], before[-1]['f_b'])

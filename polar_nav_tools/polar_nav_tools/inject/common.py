@@ -204,6 +204,25 @@ def _changed(
     return [change(r) if r.stream == stream and s.within(r, length_s) else r for r in readings]
 
 
+def stuck_axis(stream: str, name: str, axis: int) -> Apply:
+    """One axis of a vector keeps what the last message before says, for ``size`` seconds."""
+
+    def apply(readings: Readings, s: Setting) -> list[Reading]:
+        before = [r for r in readings if r.stream == stream and s.since_s(r) < 0.0]
+        if not before:
+            return list(readings)
+        held = before[-1].values[name][axis]
+
+        def change(r: Reading) -> Reading:
+            vector = r.values[name].copy()
+            vector[axis] = held
+            return r.with_values(**{name: vector})
+
+        return _changed(readings, stream, s, s.size, change)
+
+    return apply
+
+
 def changed(stream: str, change: Callable[[Reading, Setting], Reading], length_s: float) -> Apply:
     """All messages of a stream are changed for a time."""
 

@@ -134,6 +134,19 @@ def _turned(r: Reading, s: Setting) -> Reading:
     )
 
 
+def _yawed(r: Reading, s: Setting) -> Reading:
+    return r.with_values(omega_ib_b=r.values['omega_ib_b'] + [0.0, 0.0, math.radians(s.size)])
+
+
+def _in_degrees(readings: Readings, s: Setting) -> list[Reading]:
+    """Rates in degrees per second, for ``size`` seconds."""
+
+    def change(r: Reading, _: Setting) -> Reading:
+        return r.with_values(omega_ib_b=np.degrees(r.values['omega_ib_b']))
+
+    return common.changed(IMU, change, s.size)(readings, s)
+
+
 def _without_lock(readings: Readings, s: Setting) -> list[Reading]:
     change = common.changed(DVL, lambda r, _: r.with_values(valid=False), s.size)
     return change(readings, s)
@@ -206,6 +219,12 @@ _OTHERS = (
           (IMU,), common.stuck(IMU, 'omega_ib_b'), _for_its_size, (SINS,)),
     Fault('imu_accelerometer_stuck', 'the IMU: the last force again and again, rates go on', 10.0,
           's', (IMU,), common.stuck(IMU, 'f_b'), _for_its_size, (SINS,)),
+    Fault('imu_gyro_axis_stuck', 'the IMU: the last rate about x again and again', 30.0, 's',
+          (IMU,), common.stuck_axis(IMU, 'omega_ib_b', 0), _for_its_size, (SINS,)),
+    Fault('imu_gyro_degrees', 'the IMU: rates in degrees for a time', 1.0, 's', (IMU,),
+          _in_degrees, _for_its_size, (SINS,)),
+    Fault('imu_yaw', 'the IMU: a turn about z within a second that never was', 20.0, 'deg',
+          (IMU,), common.changed(IMU, _yawed, 1.0), lambda _: 1.0, (SINS,)),
     Fault('imu_gyro_step', 'the IMU: a bias of the gyros on every axis', 0.01, 'rad/s', (IMU,),
           common.added(IMU, 'omega_ib_b'), _lasting, (SINS,)),
     Fault('imu_accelerometer_step', 'the IMU: a bias of the accelerometers on every axis', 0.05,

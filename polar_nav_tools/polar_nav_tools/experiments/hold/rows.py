@@ -26,6 +26,7 @@ _SINS = (
     'imu_force:1e6', 'imu_force:1000', 'imu_force:50', 'imu_rate:1', 'imu_rate:3', 'imu_rate:30',
     'imu_rate:1e300', 'imu_nan:1', 'imu_nan:300',
     'imu_stuck:10', 'imu_gyro_stuck:10', 'imu_accelerometer_stuck:10', 'imu_gyro_step:0.01',
+    'imu_gyro_axis_stuck:30', 'imu_gyro_degrees:1', 'imu_yaw:5', 'imu_yaw:20', 'imu_yaw:180',
     'imu_accelerometer_step:0.05', 'imu_mirrored', 'imu_swapped', 'imu_lost:0.5', 'imu_repeated',
     'imu_reordered:0.3', 'imu_late:5', 'imu_clock:3600', 'imu_clock:-10', 'imu_clock:0.3',
     'imu_clock:-0.3', 'imu_clock:-0.1', 'imu_clock_rate:1000', 'imu_clock_rate:-300',
