@@ -51,12 +51,15 @@ def test_a_new_monitor_has_nothing_to_report():
 
 
 def test_the_condition_of_the_watchdog_has_the_same_sentence():
-    for monitor, key in ((refused(4), 'fixes gated'), (refused(0), 'no fixes')):
-        state = monitor.state(42 * S)
+    fused = refused(0)
+    fused.fused(10 * S, 11 * S)
+    for monitor, stamp_s, key in ((refused(4), 42, 'fixes gated'), (fused, 1000, 'no fixes')):
+        state = monitor.state(stamp_s * S)
         (condition,) = state.conditions
         assert (condition.key, condition.level, condition.culprit, condition.sentence) == (
             key, state.level, Culprit.FIXES, state.sentence,
         )  # fmt: skip
+    assert refused(0).state(42 * S).conditions == []
 
 
 @pytest.mark.parametrize(('count', 'gated_s'), [(0, 0.0), (1, 0.0), (2, 10.0), (3, 20.0)])
