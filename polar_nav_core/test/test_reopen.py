@@ -303,7 +303,7 @@ def test_a_gyro_whose_bias_has_jumped_is_found_with_the_velocity(deg_per_h, seed
     assert abs(error) < 4.0 * np.sqrt(result.track.P[-1, 10, 10])
     _, velocity, attitude = off(result, world, result.track.stamps_ns[-1])
     assert velocity < 0.2
-    assert attitude < 0.002
+    assert attitude < 0.001
 
 
 @pytest.mark.parametrize('seed', [3, 4])

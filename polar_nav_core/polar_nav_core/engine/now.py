@@ -10,7 +10,7 @@ Nothing of it goes back into the engine, and a replay does not repeat it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..arrays import Array, Ints
 from ..kernels.sins import ahead, present
 from ..kernels.sins.offset import Profile, make_profile
 from ..kernels.sins.present_covariance import STATES, covariance_now
-from ..machine_code import machine_code
+from ..machine_code import Direct
 from ..output_params import OutputParams
 from .bleed import Bleed
 from .engine import Engine
@@ -115,10 +115,7 @@ class Predictor:
         self._step, self._scratch = present.make_step(), present.make_scratch()
         self._stamps_ns, self._samples_b = _room_for(_ROOM)
         self._P = np.zeros((STATES, STATES))
-        self._filter: NavigationFilter | None = None
-        self._run: Callable[..., int] = present.follow
-        self._grown: NavigationFilter | None = None
-        self._grow: Callable[..., None] = covariance_now
+        self._run, self._grow = Direct(present.follow), Direct(covariance_now)
         self._begun = self._lost = False
         self.jumps = 0
 
@@ -171,9 +168,8 @@ class Predictor:
         samples = stamps_ns, samples_b, len(waiting)
         rest = self._limits, self._lever_b, self._step, self._scratch
         given = f.state, f.settings, track, before, self._begun, *samples, *rest
-        if f is not self._filter:
-            self._filter, self._run = f, machine_code(present.follow, *given)
-        return self._run(*given)
+        code: int = self._run.call((f,), *given)
+        return code
 
     def _correct(self, stamp_ns: int) -> None:
         """Take the step from the track so far to the corrected one into the offsets."""
@@ -207,9 +203,7 @@ class Predictor:
             raise ValueError('there is no state')
         f, P = fusion.filter, np.empty((STATES, STATES))
         given = f.state, f.settings, track, *self._profiles, P, self._scratch
-        if f is not self._grown:
-            self._grown, self._grow = f, machine_code(covariance_now, *given)
-        self._grow(*given)
+        self._grow.call((f,), *given)
         return self._at_base_link(P, track) if self._lever_b.any() else P
 
     def _at_base_link(self, P: Array, track: present.Track) -> Array:

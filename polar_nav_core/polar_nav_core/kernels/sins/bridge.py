@@ -14,15 +14,11 @@ from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
 from .events import (
-    add_epoch,
-    begin_step,
-    compare_with_model,
-    covariance_step,
+    finish_step,
     take_snapshot,
 )
 from .fuse import locate
 from .gap import HELD_S, LONG_NS, add_gap_noise, add_path_not_known
-from .hindsight import hold, is_held
 from .rings import Log, Past
 from .settings import Settings
 from .state import Frames, State
@@ -95,13 +91,7 @@ def bridge(s: State, c: Settings, past: Past, w: Work, log: Log, until_ns: int) 
                 step = _AT_ONCE_S
                 s.sums[5, 0] = step
             s.counters[fs.STAMP] = stamp_ns
-        code = covariance_step(s, c, past, w, log, stamp_ns, step, gap)
-        if is_held(log):
-            hold(s, log, w.x)
-        begin_step(s, c, stamp_ns)
-        add_epoch(s, c, past)
-        if c.aiding.on and code == fs.DONE:
-            code = compare_with_model(s, c, past, w, log, step)
+        code = finish_step(s, c, past, w, log, stamp_ns, step, gap)
         if s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
             take_snapshot(s, log)
 

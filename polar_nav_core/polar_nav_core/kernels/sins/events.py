@@ -180,13 +180,15 @@ def begin_step(s: State, c: Settings, stamp_ns: int) -> None:
     s.counters[fs.HELD] = 0
 
 
-@routine
-def _end_step(
-    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, own: int
+@kernel
+def finish_step(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, step: float, gap: float
 ) -> int:
-    """End the covariance step at a stamp and begin the next; DONE, or the code of a failure."""
-    step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
-    code = covariance_step(s, c, past, w, log, stamp_ns, step, 0.0)
+    """Covariance step [s] that ends at a stamp, its epoch, and the beginning of the next.
+
+    DONE, or the code of a failure; ``gap`` as of `covariance_step`.
+    """
+    code = covariance_step(s, c, past, w, log, stamp_ns, step, gap)
     if is_held(log):
         hold(s, log, w.x)
     begin_step(s, c, stamp_ns)
@@ -194,6 +196,16 @@ def _end_step(
     # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
     if c.aiding.on and code == fs.DONE:
         code = compare_with_model(s, c, past, w, log, step)
+    return code
+
+
+@routine
+def _end_step(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, own: int
+) -> int:
+    """End the covariance step at a stamp and begin the next; DONE, or the code of a failure."""
+    step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
+    code: int = finish_step(s, c, past, w, log, stamp_ns, step, 0.0)
     if s.counters[fs.WAITS] == 1 or s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
         s.counters[fs.WAITS] = 0 if own == fs.SAMPLE else 1
         if own == fs.SAMPLE:

@@ -18,7 +18,8 @@ enough then, the velocity has jumped, or run away: it and the way since the last
 variance of the innovation itself. What makes it run away is a wrong tilt, by which gravity leaks
 into it (a turn that the gyros did not measure, or measured and never was): so tilt gets the
 variance that explains the innovation by now. A gyro whose bias has jumped makes a tilt that grows:
-the biases of the horizontal gyros get the variance that explains it, too.
+the biases of the horizontal gyros get the variance that explains it, too. And the attitude may
+have turned about up, which no ping shows: fixes find the heading.
 """
 
 from __future__ import annotations
@@ -176,8 +177,8 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
     P gets the variance of the innovation for the velocity, that of its way for the position, and
     for the tilt, and for the biases of the gyros, that of one that began at
     ``since_ns`` and has led to the innovation by now. With a velocity so far off, rows of attitude
-    are those of another velocity; they are left out, what the attitude does to the ping goes to
-    its noise, and the pings to come show the tilt.
+    are those of another velocity; they are left out, what the tilt does to the ping goes to its
+    noise, and the pings to come show it. The heading is doubted after the ping (`doubt_heading`).
     """
     square = square_of(w, fs.VECTOR)
     since_s = (s.counters[fs.STAMP] - since_ns) * 1e-9
