@@ -4,8 +4,9 @@ A filter can lock on to a wrong heading, gyro bias or DVL scale, with a covarian
 the gate then refuses true fixes for good. What such an error does to dead reckoning has a shape:
 the track is turned and stretched, and the turn grows with time. Fixes that are displaced, drift or
 scatter lack that shape, or ask for a turn that the instruments as stated at the start cannot have
-(any turn is allowed for a while after a DVL's gate had to be opened: `sins.turned`). So the last refused fixes in a row are weighed twice: against an offset alone, and against dead
-reckoning as uncertain as if nothing had been learnt yet.
+(any turn is allowed for a while after a DVL's gate had to be opened: `sins.turned`). So the last
+refused fixes in a row are weighed twice: against an offset alone, and against dead reckoning as
+uncertain as if nothing had been learnt yet.
 """
 
 from __future__ import annotations
