@@ -320,6 +320,17 @@ def test_replay_compares_and_times_a_short_bag(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_a_run_of_arrays_is_timed_with_looks_and_without(capsys, monkeypatch):
+    monkeypatch.setattr(machine, 'pin', lambda core: core)
+    options = ['--hours', '0.05', '--rounds', '1', '--json']
+    monkeypatch.setattr(sys, 'argv', ['polar', 'bench', 'monte-carlo', *options])
+    assert main() == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['fused'] > 60  # of 90, but for those that are still on their way
+    assert [len(times) for times in found['seconds'].values()] == [1, 1]
+
+
 def test_replay_does_not_time_what_differs(tmp_path, monkeypatch):
     pytest.importorskip('rclpy')
     from polar_nav_tools.bags import open_bag

@@ -111,7 +111,7 @@ def _definitions() -> list[str]:
 
 
 def _write(target: Path, hours: float, progress: Progress | None) -> None:
-    world = _world(hours)
+    world = long_world(hours)
     streams = [
         _stamped(0, topics.IMU, _imu(world)),
         _stamped(1, topics.DVL, _dvl(world)),
@@ -144,7 +144,8 @@ _TOPICS = (
 )
 
 
-def _world(hours: float) -> World:
+def long_world(hours: float) -> World:
+    """World of the bag: the run whose sensors and late packets it holds."""
     spec = WorldSpec(
         duration_s=3600.0 * hours,
         imu='paper_6_2',

@@ -163,6 +163,33 @@ def replay(
 
 
 @bench.command(
+    name='monte-carlo',
+    epilog='Example: `./polar bench monte-carlo`\n\n'
+    'Quick look: `./polar bench monte-carlo --hours 0.5 --rounds 1`',
+)
+def monte_carlo(
+    hours: Annotated[float, typer.Option(min=0.05, max=24.0, help='Length of the run.')] = 12.0,
+    rounds: Annotated[int, typer.Option(min=1, help='Rounds; times are their medians.')] = 5,
+    processor: CoreOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Time a run of arrays, as campaigns make them, with looks of the watchdog and without.
+
+    Estimates are not kept. Times are processor times on one core.
+    """
+    used = one_core(processor)  # before anything numerical is loaded
+    from ..benchmarks.monte_carlo import DISTRIBUTIONS, run
+
+    with facts_of(DISTRIBUTIONS, used) as facts:
+        result = run(hours=hours, rounds=rounds, report=say)
+    if as_json:
+        emit_json({'ok': True, 'machine': facts, **result.to_dict()})
+        return
+    print_tables([result.table()])
+    sys.stdout.write(f'{result.fused} fixes used.\n' + machine_line(facts, rounds))
+
+
+@bench.command(
     epilog='Example: `./polar bench memory --hours 24 --beside bags/reference_10`\n\n'
     'Quick look: `./polar bench memory --hours 0.2`'
 )
