@@ -158,10 +158,13 @@ def names_near(name: str, known: Collection[str]) -> str:
     """Names closest to a misspelt one, as a sentence; all names if they are few."""
     if len(known) <= _FEW:
         return f'there are {", ".join(sorted(known))}'
+    return f'{meant(name, known)}docs/parameters.md lists all {len(known)}'
+
+
+def meant(name: str, known: Collection[str]) -> str:
+    """Question with the names closest to a misspelt one, and a space; empty if none is near."""
     near = [k for k in sorted(known) if name in k] or _spelled_alike(name, known)
-    near = near[:_SUGGESTED]
-    meant = f'did you mean {" or ".join(near)}? ' if near else ''
-    return f'{meant}docs/parameters.md lists all {len(known)}'
+    return f'did you mean {" or ".join(near[:_SUGGESTED])}? ' if near else ''
 
 
 def _spelled_alike(name: str, known: Collection[str]) -> list[str]:

@@ -179,6 +179,13 @@ def test_parts_of_an_imu(sins):
     assert same(last['f_b'], before[-1]['f_b'])
 
 
+def test_a_misspelled_fault_is_answered_with_what_was_meant():
+    with pytest.raises(ConfigError, match='did you mean imu_yaw'):
+        parse('imu_yawn:20@10')
+    with pytest.raises(ConfigError, match='no such fault; there are'):
+        parse('@')
+
+
 def test_a_clock_that_runs_fast_is_ahead_by_more_and_more(sins):
     after = [r for r in sins.inject('dvl_clock_rate:1000@6') if r.stream != FIX]
     start_ns = next(r.true_ns for r in sins.readings if r.stream == IMU) + 6 * NS

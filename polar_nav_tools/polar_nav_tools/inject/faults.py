@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import meant
 
 from . import common, packets
 from .readings import (
@@ -284,8 +285,8 @@ def parse(text: str) -> Injection:
     """Injection of a text as ``imu_silent:3@100``; ConfigError for any other."""
     match = _FORM.fullmatch(text)
     if match is None or match[1] not in FAULTS:
-        known = ', '.join(FAULTS)
-        raise ConfigError(f'--fault {text}: no such fault; there are {known}')
+        asked = '' if match is None else meant(match[1], FAULTS)
+        raise ConfigError(f'--fault {text}: no such fault; {asked}there are {", ".join(FAULTS)}')
     fault = FAULTS[match[1]]
     if match[2] is not None and not fault.unit:
         raise ConfigError(f'--fault {text}: {fault.name} has no size')
