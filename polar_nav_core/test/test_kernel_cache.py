@@ -34,25 +34,43 @@ def own_directory():
     cache._own_temporary_directory.cache_clear()
 
 
+def forget() -> None:
+    for remembered in (cache.sources_of, cache._imported, cache._content, cache._compiler):
+        remembered.cache_clear()
+
+
+@pytest.fixture(autouse=True)
+def nothing_remembered():
+    """Nothing that a test has changed is remembered by the next."""
+    yield
+    forget()
+
+
+def key(source: Path) -> str:
+    """What `cache.cache_key` returns in a process that has read nothing yet."""
+    forget()
+    return cache.cache_key(source)
+
+
 def edit(path: Path) -> None:
     path.write_text(path.read_text() + '\n# edited\n')
 
 
 def test_key_is_of_the_text_and_not_of_the_place(copy):
-    assert cache.cache_key(copy / RUN) == cache.cache_key(KERNELS / RUN)
+    assert key(copy / RUN) == key(KERNELS / RUN)
 
 
 @pytest.mark.parametrize('edited', [RUN, 'sins/update.py', 'frames/earth.py', 'queues.py'])
 def test_key_changes_with_every_source_that_a_kernel_stands_on(copy, edited):
-    before = cache.cache_key(copy / RUN)
+    before = key(copy / RUN)
     edit(copy / edited)
-    assert cache.cache_key(copy / RUN) != before
+    assert key(copy / RUN) != before
 
 
 def test_key_stays_when_a_kernel_does_not_stand_on_what_was_edited(copy):
-    before = cache.cache_key(copy / 'station/run.py'), cache.cache_key(copy / 'frames/earth.py')
+    before = key(copy / 'station/run.py'), key(copy / 'frames/earth.py')
     edit(copy / RUN)
-    after = cache.cache_key(copy / 'station/run.py'), cache.cache_key(copy / 'frames/earth.py')
+    after = key(copy / 'station/run.py'), key(copy / 'frames/earth.py')
     assert after == before
 
 
@@ -77,19 +95,19 @@ def test_sources_are_all_files_that_importing_a_kernel_brings():
 def test_key_changes_with_the_numbers_that_the_engine_has_in_common_with_kernels(
     tmp_path, monkeypatch
 ):
-    before = cache.cache_key(KERNELS / RUN)
+    before = key(KERNELS / RUN)
     copy = tmp_path / 'order.py'
     copy.write_text(cache._ORDER.read_text().replace('FUSED = 1', 'FUSED = 2'))
     monkeypatch.setattr(cache, '_ORDER', copy)
-    assert cache.cache_key(KERNELS / RUN) != before
+    assert key(KERNELS / RUN) != before
 
 
 def test_key_changes_with_cpu_and_numba(monkeypatch):
-    before = cache.cache_key(KERNELS / RUN)
+    before = key(KERNELS / RUN)
     monkeypatch.setattr(numba.config, 'CPU_NAME', 'generic')
-    generic = cache.cache_key(KERNELS / RUN)
+    generic = key(KERNELS / RUN)
     monkeypatch.setattr(numba, '__version__', '0.0.0')
-    assert len({before, generic, cache.cache_key(KERNELS / RUN)}) == 3
+    assert len({before, generic, key(KERNELS / RUN)}) == 3
 
 
 @pytest.mark.parametrize(

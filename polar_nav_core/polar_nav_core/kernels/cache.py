@@ -61,6 +61,7 @@ def folder_of(source: Path) -> Path:
     return next((folder for folder in source.parents if folder.name == 'kernels'), source.parent)
 
 
+@cache
 def sources_of(source: Path) -> list[Path]:
     """Files that a kernel file is compiled from: itself and all it imports in its folder."""
     folder = folder_of(source)
@@ -70,22 +71,32 @@ def sources_of(source: Path) -> list[Path]:
         path = waiting.pop()
         if path not in found:
             found.add(path)
-            waiting.extend(p for p in _imported(path) if folder in p.parents)
+            waiting.extend(_imported(path, folder))
     return sorted(found)
 
 
 @cache
-def _imported(source: Path) -> tuple[Path, ...]:
-    """Files that the relative imports of *source* name, where they exist.
+def _imported(source: Path, folder: Path) -> tuple[Path, ...]:
+    """Files in a folder that the relative imports of *source* name, where they exist.
 
-    Found by their form: to parse all files took every process seconds before it began.
+    Found by their form: to parse all files took every process seconds before it began, and paths
+    that are objects take five times as long as these strings.
     """
-    candidates = []
-    for dots, module, names in _RELATIVE_IMPORT.findall(source.read_text(encoding='utf-8')):
-        package = source.parents[len(dots) - 1].joinpath(*module.split('.'))
-        for place in (package, *(package / name for name in _NAME.findall(names))):
-            candidates += [place.with_suffix('.py'), place / '__init__.py']
-    return tuple(path for path in dict.fromkeys(candidates) if path.is_file())
+    inside = f'{folder}{os.sep}'
+    found: dict[str, None] = {}
+    for dots, module, names in _RELATIVE_IMPORT.findall(_content(source).decode()):
+        package = os.path.join(source.parents[len(dots) - 1], *module.split('.'))  # noqa: PTH118
+        for place in (package, *(f'{package}{os.sep}{name}' for name in _NAME.findall(names))):
+            for path in (f'{place}.py', f'{place}{os.sep}__init__.py'):
+                if path.startswith(inside) and os.path.isfile(path):  # noqa: PTH113
+                    found[path] = None
+    return tuple(map(Path, found))
+
+
+@cache
+def _content(source: Path) -> bytes:
+    """What a file held when this process read it first."""
+    return source.read_bytes()
 
 
 def cache_key(source: Path) -> str:
@@ -94,13 +105,18 @@ def cache_key(source: Path) -> str:
     folder = folder_of(source)
     names = {path.relative_to(folder).as_posix(): path for path in sources_of(source)}
     for name, path in [*sorted(names.items()), ('../order.py', _ORDER)]:
-        text = path.read_bytes()
+        text = _content(path)
         digest.update(f'{name} {len(text)}\n'.encode())
         digest.update(text)
+    digest.update(_compiler().encode())
+    return digest.hexdigest()
+
+
+@cache
+def _compiler() -> str:
     cpu = numba.config.CPU_NAME or llvm.get_host_cpu_name()
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
-    digest.update(f'{numba.__version__} {cpu} {features}'.encode())
-    return digest.hexdigest()
+    return f'{numba.__version__} {cpu} {features}'
 
 
 def _bases() -> list[Path]:
