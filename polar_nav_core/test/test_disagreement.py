@@ -7,13 +7,16 @@ import pytest
 from closed_loop import World, inputs_of, run
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.disagreement import Refused, Turn, Unlearnt, turn_of
+from polar_nav_core.engine.disagreement import Present, Refused, Unlearnt, turn_of
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind
 from polar_nav_core.engine.health.heading import heading_unknown
 from polar_nav_core.engine.health.watchdog import Level
 from polar_nav_core.engine.integrity import IntegrityMonitor
+from polar_nav_core.engine.sins.turned import forget
 from polar_nav_core.engine.verdicts import Verdict
+from polar_nav_core.kernels.sins import state as fs
+from polar_nav_core.kernels.sins import update as kf
 
 pytestmark = pytest.mark.slow
 
@@ -23,9 +26,9 @@ SIGMA, PERIOD_S = 2.0, 5.0
 TIME_S = PERIOD_S * np.arange(10)
 
 
-def row(offset, track):
+def row(offset, track, seed=1):
     """Refused fixes by their offsets from an estimated track, both east + i north."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     noise = SIGMA * (rng.standard_normal(10) + 1j * rng.standard_normal(10))
     offset = offset + noise
     return [
@@ -46,6 +49,15 @@ def turned(track, angle, rate):
     return track[0] + np.concatenate([[0.0], np.cumsum(pieces)])
 
 
+def present(track, age_s=0.0, bent=None):
+    """The estimate some time after the newest fix, whose track goes on as it was."""
+    velocity = (track[-1] - track[-2]) / PERIOD_S
+    here = track[-1] + velocity * age_s
+    stamp_ns = round((TIME_S[-1] + age_s) * 1e9)
+    given = {} if bent is None else {'track': lambda _: np.append(bent, 0.0)}
+    return Present(stamp_ns, np.array([here.real, here.imag, 0.0]), **given)
+
+
 STRAIGHT = 2.0 * TIME_S * np.exp(0.3j)
 CORNER = np.where(TIME_S < 25.0, 2.0 * TIME_S, 50.0 + 2.0j * (TIME_S - 25.0))
 
@@ -53,7 +65,9 @@ CORNER = np.where(TIME_S < 25.0, 2.0 * TIME_S, 50.0 + 2.0j * (TIME_S - 25.0))
 @pytest.mark.parametrize('track', [STRAIGHT, CORNER])
 @pytest.mark.parametrize(('angle', 'rate'), [(1.2, 0.0), (-0.7, 0.012)])
 def test_a_turned_track_is_found(track, angle, rate):
-    found = turn_of(row(turned(track, angle, rate) - track + 30.0, track), np.eye(3), MEMS)
+    found = turn_of(
+        row(turned(track, angle, rate) - track + 30.0, track), np.eye(3), present(track), MEMS
+    )
     assert found is not None
     sigma = np.sqrt(np.diagonal(found.covariance))
     assert abs(found.angle - angle) < 3.0 * sigma[0] < 0.7
@@ -62,23 +76,34 @@ def test_a_turned_track_is_found(track, angle, rate):
 
 def test_a_turn_that_the_start_does_not_contain_is_no_explanation():
     fixes = row(turned(STRAIGHT, 1.2, 0.0) - STRAIGHT, STRAIGHT)
-    assert turn_of(fixes, np.eye(3), TACTICAL) is None
+    assert turn_of(fixes, np.eye(3), present(STRAIGHT), TACTICAL) is None
 
 
 @pytest.mark.parametrize('sigmas', [MEMS, TACTICAL])
 def test_displaced_fixes_are_no_turn(sigmas):
-    assert turn_of(row(40.0 + 0j * TIME_S, STRAIGHT), np.eye(3), sigmas) is None
+    assert turn_of(row(40.0 + 0j * TIME_S, STRAIGHT), np.eye(3), present(STRAIGHT), sigmas) is None
+
+
+@pytest.mark.parametrize('sigmas', [MEMS, TACTICAL])
+def test_displaced_fixes_beside_a_position_that_was_corrected_are_no_turn(sigmas):
+    """A jump of the estimate among them bends the offsets, and not dead reckoning."""
+    estimated = STRAIGHT + np.where(TIME_S < 22.0, 0.0, 40.0j)
+    refused = row(STRAIGHT + 60.0 - estimated, estimated)
+    now = present(estimated, bent=STRAIGHT[-1] - STRAIGHT)
+    assert turn_of(refused, np.eye(3), now, sigmas) is None
 
 
 @pytest.mark.parametrize('sigmas', [MEMS, TACTICAL])
 def test_scattered_fixes_are_no_turn(sigmas):
     far = 20.0 * np.exp(2j * np.pi * np.random.default_rng(2).random(10))
-    assert turn_of(row(far, STRAIGHT), np.eye(3), sigmas) is None
+    assert turn_of(row(far, STRAIGHT), np.eye(3), present(STRAIGHT), sigmas) is None
 
 
 @pytest.mark.parametrize('speed', [0.3, 1.0])
 def test_drifting_fixes_move_no_good_navigation(speed):
-    assert turn_of(row(speed * TIME_S * 1j, STRAIGHT), np.eye(3), TACTICAL) is None
+    assert (
+        turn_of(row(speed * TIME_S * 1j, STRAIGHT), np.eye(3), present(STRAIGHT), TACTICAL) is None
+    )
 
 
 @pytest.fixture(scope='module')
@@ -100,8 +125,9 @@ def start(world, **changes):
     return world.params(**{**values, **changes})
 
 
-def fixes_of(world):
-    return world.fixes(2.0, lambda i: 1.0 + 0.3 * (i % 4), rng=np.random.default_rng(4))
+def fixes_of(world, delay_s=1.0):
+    rng = np.random.default_rng(4)
+    return world.fixes(2.0, lambda i: delay_s + 0.3 * (i % 4), rng=rng)
 
 
 def last_error(world, track):
@@ -137,6 +163,45 @@ def test_whole_runs_turn_as_nodes_do(world, handling):
     assert whole.health[-1].resets >= 1
 
 
+@pytest.mark.parametrize('handling', ['clone', 'rewind', 'back_propagate'])
+def test_fixes_from_before_a_turn_are_too_old(world, handling):
+    """What is stored of then is another track, from where a correction leads nowhere."""
+    custom = {'configuration': 'custom', 'gate_probability': 0.9999, 'delay_handling': handling}
+    inputs = inputs_of(world, fixes_of(world, delay_s=5.0))
+    found = engine_run.run(start(world, **custom), inputs)
+    turned_at = next(i for i, r in enumerate(found.receipts) if r.verdict is Verdict.TOO_OLD)
+    assert {r.verdict for r in found.receipts[:turned_at]} == {Verdict.FUSED, Verdict.GATED}
+    assert 'the stored history reaches back' in found.receipts[turned_at].reason
+    assert sum(r.verdict is Verdict.TOO_OLD for r in found.receipts) <= 3
+    assert last_error(world, found.track) < 2.0
+
+
+def test_a_turn_leaves_nothing_of_what_was_known_by_the_wrong_heading():
+    """Against samples: states of a covariance, of which heading and position are drawn anew."""
+    rng = np.random.default_rng(7)
+    state = fs.make_state()
+    L = rng.normal(size=(kf.N, kf.N))
+    state.P[:] = L @ L.T
+    state.sensitivity[:] = rng.normal(size=state.sensitivity.shape)
+    before, S = state.P.copy(), state.sensitivity.copy()
+    C_e_G = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    forget(state, C_e_G)
+    keep = np.r_[0:2, 3:6, 9 : kf.N]
+    given_heading = before - np.outer(before[:, 2], before[2]) / before[2, 2]
+    np.testing.assert_allclose(state.P[np.ix_(keep, keep)], given_heading[np.ix_(keep, keep)])
+    np.testing.assert_array_equal(state.P[2], 0.0)
+    level = C_e_G[:2] @ state.P[6:9]
+    np.testing.assert_allclose(level, 0.0, atol=1e-12)
+    up = C_e_G[2]
+    assert up @ state.P[6:9, 6:9] @ up == pytest.approx(up @ given_heading[6:9, 6:9] @ up)
+    assert np.linalg.eigvalsh(state.P).min() > -1e-12
+    np.testing.assert_allclose(state.sensitivity[2], 0.0, atol=1e-12)
+    by_heading = S - np.outer(before[:, 2] / before[2, 2], S[2])
+    np.testing.assert_allclose(state.sensitivity[keep], by_heading[keep], atol=1e-12)
+    np.testing.assert_array_equal(state.sensitivity[6:9, 6:11], 0.0)
+    np.testing.assert_allclose(state.sensitivity[6:9, :6], by_heading[6:9, :6])
+
+
 def test_an_unknown_heading_is_an_error_until_fixes_have_shown_it():
     assert not heading_unknown(0.5, 0.5, 0)
     assert [c.level for c in heading_unknown(1.8, 0.01, 5)] == [Level.ERROR]
@@ -144,11 +209,38 @@ def test_an_unknown_heading_is_an_error_until_fixes_have_shown_it():
     assert not heading_unknown(1.8, 0.01, 40)
 
 
-def test_a_turn_goes_on_after_the_newest_fix():
-    turn = Turn(0.1, 0.003, np.diag([1e-4, 1e-8]), 5.0).aged(30.0)
-    assert turn.angle == pytest.approx(0.19)
-    assert turn.covariance[0, 0] == pytest.approx(1e-4 + 900.0 * 1e-8)
-    assert turn.covariance[0, 1] == pytest.approx(30.0 * 1e-8)
+@pytest.mark.parametrize('age_s', [0.0, 30.0])
+def test_a_turn_is_that_of_the_present(age_s):
+    """Angle, rate and way some time after the newest fix; a covariance is four times theirs."""
+    angle, rate, velocity = 1.2, 0.004, 2.0 * np.exp(0.3j)
+    fixes = turned(STRAIGHT, angle, rate) + 30.0
+    later = np.linspace(0.0, age_s, 1001)
+    there = fixes[-1] + np.trapezoid(velocity * np.exp(1j * (angle + rate * later)), later)
+    moved = there - (STRAIGHT[-1] + velocity * age_s)
+    truth = [angle + rate * age_s, rate, moved.real, moved.imag]
+    squares = []
+    for seed in range(200):
+        refused = row(fixes - STRAIGHT, STRAIGHT, seed)
+        found = turn_of(refused, np.eye(3), present(STRAIGHT, age_s), MEMS)
+        assert found is not None
+        error = np.array([found.angle, found.rate, *found.moved]) - truth
+        squares.append(error @ np.linalg.solve(found.covariance, error))
+    assert 0.8 < np.mean(squares) < 1.2
+
+
+def test_a_track_that_corrections_have_bent_is_taken_as_it_was_before_them():
+    """The heading was corrected by half a radian in the middle, and the position moved by 40 m."""
+    fixes = turned(STRAIGHT, 1.2, 0.0)
+    bent = np.where(TIME_S < 22.0, STRAIGHT, STRAIGHT[4] + (STRAIGHT - STRAIGHT[4]) * np.exp(0.5j))
+    estimated = bent + np.where(TIME_S < 32.0, 0.0, 40.0)
+    refused = row(fixes - estimated, estimated)
+    assert turn_of(refused, np.eye(3), present(estimated), MEMS) is None
+    rigid = (STRAIGHT[-1] - STRAIGHT) * np.exp(0.5j)
+    found = turn_of(refused, np.eye(3), present(estimated, bent=rigid), MEMS)
+    assert found is not None
+    assert found.angle == pytest.approx(0.7, abs=3.0 * np.sqrt(found.covariance[0, 0]))
+    moved = fixes[-1] - estimated[-1]
+    assert found.moved == pytest.approx([moved.real, moved.imag], abs=6.0)
 
 
 def test_fixes_from_before_the_newest_used_one_are_no_evidence():

@@ -184,7 +184,7 @@ def test_a_dvl_backs_no_depth():
 
 
 @pytest.mark.parametrize(
-    ('row', 'uses', 'expected'), [(5, 10, True), (4, 10, False), (5, 9, False)]
+    ('row', 'uses', 'expected'), [(3, 10, True), (2, 10, False), (3, 9, False)]
 )
 def test_fixes_refused_in_a_row_back_a_dvl_that_was_believed(row, uses, expected):
     s = refused(long={'weight': 20.0})
@@ -217,6 +217,7 @@ def begun_anew(since_s, attitude=(1e-3, 2e-3, 3e-3), gyro_sigma=0.1, C_b_G=None,
     w.z[:] = 0.3, -0.4, 1.2
     w.R[:] = 0.01 * np.eye(3)
     w.H[:] = 1.0
+    w.M[:] = s.P
     reopen.begin_anew(s, w, NOW_NS - round(since_s * S))
     return s, w
 
@@ -237,6 +238,23 @@ def test_a_ping_that_begins_anew_makes_velocity_way_and_tilt_uncertain(since_s, 
     assert np.count_nonzero(s.P - np.diag(np.diagonal(s.P))) == 0
     np.testing.assert_array_equal(w.H[:, :3], 0.0)
     np.testing.assert_array_equal(w.H[:, 3:], 1.0)
+
+
+def test_a_ping_that_begins_anew_takes_back_what_the_gate_has_put_in_doubt():
+    """All but the gyros, whose correlations keep the root; the ping adds a tilt of 0.2 rad."""
+    rng = np.random.default_rng(4)
+    s, w = fs.make_state(), make_work()
+    L = rng.normal(size=(N, N))
+    w.M[:] = L @ L.T
+    s.P[:] = 25.0 * w.M
+    reopen.begin_anew(s, w, 0)
+    grown = s.P - w.M
+    others = np.r_[0:9, 12:N]
+    tilt = np.diag([0.04, 0.04, *[0.0] * (N - 5)])
+    np.testing.assert_allclose(grown[np.ix_(others, others)], tilt, atol=1e-12)
+    np.testing.assert_allclose(s.P[9:12][:, others], 5.0 * w.M[9:12][:, others], rtol=1e-12)
+    np.testing.assert_allclose(s.P[9:12, 9:12], 25.0 * w.M[9:12, 9:12], rtol=1e-12)
+    np.testing.assert_allclose(s.P, s.P.T, rtol=1e-13)
 
 
 @pytest.mark.parametrize(

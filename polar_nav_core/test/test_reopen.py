@@ -153,13 +153,27 @@ def fixes_until(inputs, end_s):
     return replace(inputs, fixes=tuple(f for f in inputs.fixes if f.receive_ns < end_ns))
 
 
-def test_fixes_are_believed_where_the_watchdog_doubts_dvl_or_imu(world, inputs):
-    off = without_depths(scattered(struck(inputs)))
-    result, shut = run(world, off), run(world, off, reopen_after_s=0.0)
-    sentences = {p.condition.sentence for h in result.health for p in h.present}
-    assert any(s.startswith('position fixes were refused until') for s in sentences)
-    errors = [np.linalg.norm(r.track.r_e[-1] - world.r_e[-1]) for r in (result, shut)]
-    assert errors[1] > 50.0 * errors[0]
+def test_fixes_are_believed_where_the_watchdog_doubts_dvl_or_imu():
+    """Pings that agree on nothing open their gate again and again: in most runs, not in all."""
+    world, errors = World(110.0), []
+    for seed in range(11, 15):
+        rng = np.random.default_rng(seed)
+        fixes = world.fixes(1.0, lambda _: 0.5, rng=rng, first_s=1.0)
+        off = without_depths(scattered(struck(inputs_of(world, fixes))))
+        result, shut = run(world, off), run(world, off, reopen_after_s=0.0)
+        sentences = {p.condition.sentence for h in result.health for p in h.present}
+        assert any(s.startswith('position fixes were refused until') for s in sentences)
+        errors.append([late_error(r, world) for r in (result, shut)])
+    found, without = np.median(errors, axis=0)
+    assert without > 50.0 * found
+
+
+def late_error(result, world):
+    """Median error of the last 30 s [m]."""
+    stamps_ns = result.track.stamps_ns
+    late = np.flatnonzero(stamps_ns > stamps_ns[-1] - 30 * 10**9)
+    true_e = np.array(world.r_e)[np.searchsorted(world.stamps, stamps_ns[late])]
+    return float(np.median(np.linalg.norm(result.track.r_e[late] - true_e, axis=1)))
 
 
 def test_a_displaced_leader_shows_in_the_published_covariance_only(world, inputs):

@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Ints
 from .events import Fix
 from .results import chi2_gate
 
@@ -64,28 +65,41 @@ class Unlearnt:
 
 @dataclass(frozen=True)
 class Turn:
-    """Turn of the estimated track into that of the fixes, counterclockwise from above.
+    """Turn and shift of the estimate into the track of the fixes, at present.
 
     Attributes
     ----------
     angle, rate : float
-        At the newest fix [rad], and its growth [rad/s].
-    covariance : (2, 2) array
-        Of both.
-    distance : float
-        Root mean square of the horizontal distances of the fixes from the estimate [m].
+        Counterclockwise from above [rad], and its growth [rad/s].
+    moved : (2,) array
+        Way from the estimated position to that of the turned track, horizontal grid axes [m].
+    covariance : (4, 4) array
+        Of angle, rate and way.
     """
 
     angle: float
     rate: float
+    moved: Array
     covariance: Array
-    distance: float
 
-    def aged(self, age_s: float) -> Turn:
-        """The same a time [s] after the newest fix: the angle has grown by its rate."""
-        grown = np.array([[1.0, age_s], [0.0, 1.0]])
-        covariance = grown @ self.covariance @ grown.T
-        return replace(self, angle=self.angle + self.rate * age_s, covariance=covariance)
+
+@dataclass(frozen=True)
+class Present:
+    """The estimate that refused fixes contradict.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    r_e : (3,) array
+        Position, ECEF [m].
+    track : callable, optional
+        Gives the way to it from stamps [ns] (n,) by the velocities of then, turned by what the
+        heading was corrected by since: east + i north [m]; None if the past is too short.
+    """
+
+    stamp_ns: int
+    r_e: Array
+    track: Callable[[Ints], Complex | None] = lambda _: None
 
 
 @dataclass(frozen=True)
@@ -108,21 +122,21 @@ class RefusedRow:
         """Append a refused fix; ``offset_G`` (3,) is fix minus estimate at its validity [m]."""
         self._row.append(Refused(fix.validity_ns, fix.r_e, fix.covariance_e, offset_G))
 
-    @property
-    def newest_ns(self) -> int:
-        """Newest validity in the row [ns]."""
-        return max(r.validity_ns for r in self._row)
+    def __len__(self) -> int:
+        return len(self._row)
 
     def clear(self) -> None:
         """Begin a new row: a fix was used, or the covariance enlarged."""
         self._row.clear()
 
-    def turn(self, C_e_G: Array, sigmas: Unlearnt, since_ns: int | None = None) -> Turn | None:
+    def turn(
+        self, C_e_G: Array, present: Present, sigmas: Unlearnt, since_ns: int | None = None
+    ) -> Turn | None:
         """Turn of dead reckoning that explains the row; None if an offset does, or nothing.
 
         Parameters
         ----------
-        C_e_G, sigmas
+        C_e_G, present, sigmas
             As of `turn_of`.
         since_ns : int, optional
             Fixes that are valid later count, and fewer of them are enough.
@@ -131,11 +145,14 @@ class RefusedRow:
         fewest = FEWEST
         if since_ns is not None:
             row, fewest = [r for r in row if r.validity_ns > since_ns], _FEWEST_SINCE
-        return turn_of(row, C_e_G, sigmas) if len(row) >= fewest else None
+        return turn_of(row, C_e_G, present, sigmas) if len(row) >= fewest else None
 
 
-def turn_of(row: list[Refused], C_e_G: Array, sigmas: Unlearnt) -> Turn | None:
+def turn_of(row: list[Refused], C_e_G: Array, present: Present, sigmas: Unlearnt) -> Turn | None:
     """Turn of dead reckoning that explains fixes; None where an offset does, or nothing.
+
+    Dead reckoning is that of one attitude, the present one, as far as the past is stored: what
+    corrections have bent or moved in the meantime would be no turn of a rigid track.
 
     Parameters
     ----------
@@ -143,50 +160,76 @@ def turn_of(row: list[Refused], C_e_G: Array, sigmas: Unlearnt) -> Turn | None:
         In the order of validity.
     C_e_G : (3, 3) array
         ECEF to grid axes.
+    present : Present
     sigmas : Unlearnt
     """
-    offset_G = np.array([r.offset_G for r in row])
-    fixes_G = np.array([C_e_G @ (r.r_e - row[0].r_e) for r in row])
-    offset, fixes = _complex(offset_G), _complex(fixes_G)
-    time_s = np.array([(r.validity_ns - row[-1].validity_ns) * 1e-9 for r in row])
+    offset = _complex(np.array([r.offset_G for r in row]))
+    fixes = _complex(np.array([C_e_G @ (r.r_e - row[0].r_e) for r in row]))
+    here = _complex((C_e_G @ (present.r_e - row[0].r_e))[None])
+    stamps_ns = np.array([r.validity_ns for r in row] + [present.stamp_ns])
+    time_s = (stamps_ns - row[-1].validity_ns) * 1e-9
+    way = present.track(stamps_ns)
+    track = np.append(fixes - offset, here) if way is None else here - way
     variances = [np.trace((C_e_G @ r.covariance_e @ C_e_G.T)[:2, :2]) / 2.0 for r in row]
     sigma = np.sqrt(np.array(variances))
     limit = chi2_gate(_CERTAIN, 2 * len(row) - 2)
-    if not np.sum(np.abs(_centred(offset, sigma) / sigma) ** 2) > _MUCH_WORSE * limit:
+    displaced = _centred(fixes - track[:-1], sigma) / sigma
+    if not np.sum(np.abs(displaced) ** 2) > _MUCH_WORSE * limit:
         return None
-    fit = _Fit(fixes, fixes - offset, time_s, sigma, sigmas)
+    fit = _Fit(fixes, np.diff(track), time_s, sigma, sigmas)
     found = [fit.search(start) for start in _STARTS if abs(start) <= 3.0 * sigmas.heading]
     chi2, x, covariance = min(found, key=lambda f: f[0])
     if not chi2 < limit:
         return None
-    distance = float(np.sqrt(np.mean(np.abs(offset) ** 2)))
-    return Turn(float(x[1]), float(x[2]), _ENLARGED * covariance[1:, 1:], distance)
+    place, slopes = fit.place(x)
+    age_s = float(time_s[-1])
+    J = np.vstack([[0.0, 1.0, age_s], [0.0, 0.0, 1.0], slopes])
+    at_present = J @ covariance @ J.T
+    at_present[2:, 2:] += np.eye(2) / np.sum(sigma**-2)
+    moved = place - here[0]
+    return Turn(
+        float(x[1] + x[2] * age_s),
+        float(x[2]),
+        np.array([moved.real, moved.imag]),
+        _ENLARGED * at_present,
+    )
 
 
 class _Fit:
     """Least squares of a turned and stretched track on fixes, with stated sigmas as priors.
 
-    fixes = offset + sum of g exp(i (angle + rate t)) times the pieces of the track.
+    fixes = offset + sum of g exp(i (angle + rate t)) times the pieces of the track. The last piece
+    goes on to where the estimate is at present, which has no fix yet.
     """
 
     def __init__(
-        self, fixes: Complex, track: Complex, time_s: Array, sigma: Array, sigmas: Unlearnt
+        self, fixes: Complex, pieces: Complex, time_s: Array, sigma: Array, sigmas: Unlearnt
     ) -> None:
         self._fixes, self._sigma = fixes, sigma
-        self._pieces = np.diff(track)
+        self._pieces = pieces
         self._middle_s = 0.5 * (time_s[1:] + time_s[:-1])
         tiny = 1e-12
         self._prior = np.maximum([sigmas.scale, sigmas.heading, sigmas.gyro_bias], tiny)
 
-    def _turned(self, x: Array) -> tuple[Array, Array]:
-        """Residuals [sigma] and their derivatives by logarithm of g, angle, rate; offset out."""
+    def _track(self, x: Array) -> tuple[Complex, list[Complex]]:
+        """The turned track from its first fix on, and its derivatives by log g, angle, rate."""
         pieces = self._pieces * np.exp(x[0] + 1j * (x[1] + x[2] * self._middle_s))
         track, growing = _sums(pieces), _sums(pieces * self._middle_s)
-        r = _centred(self._fixes - track, self._sigma) / self._sigma
-        slopes = [
-            _centred(d, self._sigma) / self._sigma for d in (track, 1j * track, 1j * growing)
-        ]
-        return _pair(r), np.column_stack([_pair(d) for d in slopes])
+        return track, [track, 1j * track, 1j * growing]
+
+    def _turned(self, x: Array) -> tuple[Array, Array]:
+        """Residuals [sigma] and their derivatives by logarithm of g, angle, rate; offset out."""
+        track, slopes = self._track(x)
+        r = _centred(self._fixes - track[:-1], self._sigma) / self._sigma
+        rows = [_pair(_centred(d[:-1], self._sigma) / self._sigma) for d in slopes]
+        return _pair(r), np.column_stack(rows)
+
+    def place(self, x: Array) -> tuple[complex, Array]:
+        """End of the track through the fixes, east + i north, and its derivatives (2, 3)."""
+        track, slopes = self._track(x)
+        end = _mean(self._fixes - track[:-1], self._sigma) + track[-1]
+        moved = [d[-1] - _mean(d[:-1], self._sigma) for d in slopes]
+        return end, np.array([[d.real for d in moved], [d.imag for d in moved]])
 
     def search(self, start: float) -> tuple[float, Array, Array]:
         """Chi-square, parameters (3,) and covariance (3, 3) from a turn [rad] to begin with."""
@@ -211,10 +254,15 @@ def _complex(rows: Array) -> Complex:
     return np.asarray(rows[:, 0] + 1j * rows[:, 1])
 
 
+def _mean(z: Complex, sigma: Array) -> complex:
+    """Weighted mean of complex numbers."""
+    weights = sigma**-2
+    return complex(np.sum(weights * z) / np.sum(weights))
+
+
 def _centred(z: Complex, sigma: Array) -> Complex:
     """Complex numbers less their weighted mean."""
-    weights = sigma**-2
-    return np.asarray(z - np.sum(weights * z) / np.sum(weights))
+    return np.asarray(z - _mean(z, sigma))
 
 
 def _pair(z: Complex) -> Array:

@@ -8,6 +8,7 @@ validity.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,6 +54,26 @@ class Epoch:
     usbl_bias_a: Array
     step: int
     correction: int
+
+
+class Since(NamedTuple):
+    """Stored epochs of some time until now, and the corrections since the first of them.
+
+    Attributes
+    ----------
+    stamps_ns : (n,) array
+    velocities_G : (n, 3) array
+        As estimated then [m/s].
+    firsts : (n,) array
+        Number of the first correction after each epoch.
+    corrections : (m, 24) array
+        The first of them is number ``firsts[0]``.
+    """
+
+    stamps_ns: Ints
+    velocities_G: Array
+    firsts: Ints
+    corrections: Array
 
 
 def make_past(length_s: float, step_s: float, *, model: bool = False, late: bool = True) -> Past:
@@ -132,6 +153,21 @@ class History:
         begin = self.count if first < 0 else first
         rows = np.arange(begin, self.count) % length
         return self._past.stamps[rows], self._past.velocities[rows]
+
+    def since(self, stamp_ns: int) -> Since | None:
+        """Epochs and corrections from the newest epoch at a stamp [ns] on; None if not stored."""
+        number = int(newest_until(self._past.stamps, self.count, stamp_ns))
+        if number < 0 or not self._usable(number):
+            return None
+        rows = np.arange(number, self.count) % len(self._past.stamps)
+        firsts = self._past.firsts[rows]
+        corrected = np.arange(firsts[0], self.correction) % len(self.corrections)
+        return Since(
+            self._past.stamps[rows],
+            self._past.velocities[rows],
+            firsts,
+            self.corrections[corrected],
+        )
 
     def reaches_ns(self) -> int:
         """Stamp [ns] of the oldest epoch that a fix can be referred to; 0 without one.

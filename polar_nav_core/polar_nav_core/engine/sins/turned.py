@@ -6,17 +6,19 @@ See engine.disagreement for what they must show.
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
+from ...arrays import Array, Ints
 from ...error_model import X
 from ...kernels.sins import enlarged, heading
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
-from ...kernels.sins.consider import DVL_YAW
+from ...kernels.sins.consider import DEPTH_ZERO, DVL_YAW
 from ...kernels.sins.reopen import AGAIN_NS
 from ...kernels.sins.state import State
-from ..disagreement import MOST_HEADING, RefusedRow, Turn, Unlearnt
+from ..disagreement import MOST_HEADING, Complex, Present, RefusedRow, Turn, Unlearnt
 from ..params import EngineParams
 from .doubt import forget_fixes
 from .filter import NavigationFilter
@@ -43,11 +45,26 @@ def weigh_refused(
     since_ns = _opened_ns(f)
     heading = min(sigma_heading, MOST_HEADING) if since_ns is None else MOST_HEADING
     unlearnt = Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma)
-    turn = row.turn(f.frames.C_e_G, unlearnt, since_ns)
+    present = Present(f.stamp_ns, f.frames.point_e, partial(_track, f))
+    turn = row.turn(f.frames.C_e_G, present, unlearnt, since_ns)
     if turn is None:
         return False
-    turn_state(f, turn.aged((f.stamp_ns - row.newest_ns) * 1e-9), p.dvl_scale_sigma)
+    turn_state(f, turn, p.dvl_scale_sigma)
     return True
+
+
+def _track(f: NavigationFilter, stamps_ns: Ints) -> Complex | None:
+    """Way from stamps to the present; see `Present.track`."""
+    past = f.history.since(int(stamps_ns[0]))
+    if past is None:
+        return None
+    turned = np.concatenate([[0.0], np.cumsum(past.corrections[:, X.phi_G][:, 2])])
+    since = turned[-1] - turned[past.firsts - past.firsts[0]]
+    v = (past.velocities_G[:, 0] + 1j * past.velocities_G[:, 1]) * np.exp(1j * since)
+    time_s = np.append((past.stamps_ns - f.stamp_ns) * 1e-9, 0.0)
+    way = np.concatenate([[0.0], np.cumsum(v * np.diff(time_s))])
+    ahead = np.interp((stamps_ns - f.stamp_ns) * 1e-9, time_s, way[-1] - way)
+    return np.asarray(ahead, dtype=np.complex128)
 
 
 def _opened_ns(f: NavigationFilter) -> int | None:
@@ -62,17 +79,21 @@ def _opened_ns(f: NavigationFilter) -> int | None:
 
 
 def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
-    """Turn attitude and velocity about up, change the gyro bias, and enlarge the covariance.
+    """Turn attitude and velocity about up, move the position, and change the gyro bias.
 
-    Heading and scale become uncertain together with the velocity, as a DVL cannot show them
-    (measurements.md, 1): the pings to come reduce nothing of it.
+    Their covariance becomes that of the turn: what the filter knew of heading and position was
+    wrong. Heading and scale become uncertain together with the velocity, as a DVL cannot show them
+    (measurements.md, 1): the pings to come reduce nothing of it. What is stored of the past is
+    that of another track, so fixes that are valid before now are out of reach.
     """
     state, C_e_G = f.state, f.frames.C_e_G
     P, x, up_b = state.P, np.zeros(kf.N), state.C_b_G[2].copy()
     s, c = math.sin(turn.angle), math.cos(turn.angle)
-    v_x, v_y, _ = state.v_G
+    R = np.array([[c, -s], [s, c]])
+    lever = f.frames.lever_G[:2]
     x[X.phi_G] = 0.0, 0.0, turn.angle
-    x[X.dv_G] = v_x - (c * v_x - s * v_y), v_y - (s * v_x + c * v_y), 0.0
+    x[X.dv_G][:2] = state.v_G[:2] - R @ state.v_G[:2]
+    x[X.dr_e] = -C_e_G[:2].T @ (turn.moved - (R @ lever - lever))
     x[X.b_gyro_b] = -turn.rate * up_b
     if f.settings.heading.on:  # a compass that agreed is off by as much
         x[heading.BIAS] = turn.angle
@@ -84,22 +105,40 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     if f.settings.carries_heading:
         state.carried[:] = taken - state.v_G[:2]
         carry_now(state)
-    moved = np.zeros((kf.N, 2))
+    forget(state, C_e_G)
+    moved = np.zeros((kf.N, 4))
     moved[X.phi_G, 0] = 0.0, 0.0, 1.0
     moved[X.dv_G, 0] = state.v_G[1], -state.v_G[0], 0.0
     moved[X.b_gyro_b, 1] = -up_b
+    moved[X.dr_e, 2:] = -C_e_G[:2].T
     if f.settings.heading.on:
         moved[heading.BIAS, 0] = 1.0
+    state.sensitivity[:, DVL_YAW] += moved[:, 0]  # fixes show where a turned DVL goes
     P += moved @ turn.covariance @ moved.T
     C_m_G = state.C_b_G @ f.settings.C_m_b
     stretched = np.zeros((kf.N, 3))
     stretched[X.dv_G] = C_m_G * (C_m_G.T @ state.v_G)
     stretched[X.dvl_scale_m] = np.diag(1.0 + state.dvl_scale_m)
     P += scale_sigma**2 * stretched @ stretched.T
-    P[X.dr_e, X.dr_e] += turn.distance**2 * C_e_G[:2].T @ C_e_G[:2]
     P[:] = 0.5 * (P + P.T)
     enlarged.tell_enlarged(state, f.work, f.log)
+    state.counters[fs.FROM_NS] = state.counters[fs.STAMP]
     forget_fixes(f)
+
+
+def forget(state: State, C_e_G: Array) -> None:
+    """Take away what is known of heading and horizontal position, and what others know by it.
+
+    What common errors of fixes have done to the position stays: those of the turn have them, too.
+    """
+    P, S, up = state.P, state.sensitivity, X.phi_G.start + 2
+    S -= np.outer(P[:, up] / P[up, up], S[up])
+    S[X.dr_e, DVL_YAW:DEPTH_ZERO] = 0.0
+    P -= np.outer(P[:, up], P[up]) / P[up, up]
+    P[up] = P[:, up] = 0.0
+    upright = np.eye(kf.N)
+    upright[X.dr_e, X.dr_e] = np.outer(C_e_G[2], C_e_G[2])
+    P[:] = upright @ P @ upright
 
 
 def carry_now(state: State) -> None:

@@ -120,7 +120,7 @@ def fill_late_fix(
         Covariance steps since then; OUT_OF_REACH when not all of them are stored any more.
     """
     number = newest_until(past.stamps, s.counters[fs.EPOCHS], validity_ns)
-    if number < 0:
+    if number < 0 or validity_ns < s.counters[fs.FROM_NS]:
         return OUT_OF_REACH
     i = number % past.stamps.shape[0]
     step = past.steps[i]

@@ -89,7 +89,7 @@ def fuse_stored_fix(
 ) -> int:
     """`take_late`, for kernels: those that call it are compiled beside it and not after it."""
     number = newest_until(past.stamps, s.counters[fs.EPOCHS], validity_ns)
-    if number < 0:
+    if number < 0 or validity_ns < s.counters[fs.FROM_NS]:
         return OUT_OF_REACH
     i = number % past.stamps.shape[0]
     note[0] = s.counters[fs.STEPS] - past.steps[i]

@@ -61,7 +61,7 @@ MOST_BIAS = 100.0
 """Most that a gyro's bias can have jumped, in its sigmas."""
 VOUCHED_NS = 60_000_000_000
 """A fix vouches for the inertial navigation for so long."""
-FIXES = 5
+FIXES = 3
 """Fixes refused in a row that contradict the navigation together with a DVL."""
 AGAIN_NS = 600_000_000_000
 """So long after the gate opened for the last time there is another chance."""
@@ -180,6 +180,7 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
     are those of another velocity; they are left out, what the tilt does to the ping goes to its
     noise, and the pings to come show it. The heading is doubted after the ping (`doubt_heading`).
     """
+    _take_back(s, w)
     square = square_of(w, fs.VECTOR)
     since_s = (s.counters[fs.STAMP] - since_ns) * 1e-9
     for k in range(3):
@@ -199,6 +200,22 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
         w.R[a, a] += turned
         for k in range(3):
             w.H[a, k] = 0.0
+
+
+@kernel
+def _take_back(s: State, w: Work) -> None:
+    """Take back what `open_gate` has added to P, but for the gyros; w.M is P before.
+
+    What a wrong attitude does is added by itself. Were accelerometers, DVL and USBL in doubt, too,
+    pings beside it would teach them errors that no instrument has; and angles that grow tenfold
+    with each opening are soon none that a linear filter can have.
+    """
+    for k in range(N):
+        if s.P[k, k] > 0.0 and not GYRO_BIAS <= k < GYRO_BIAS + 3:
+            factor = math.sqrt(w.M[k, k] / s.P[k, k])
+            for j in range(N):
+                s.P[k, j] *= factor
+                s.P[j, k] *= factor
 
 
 @kernel

@@ -85,7 +85,8 @@ WAITS = HEADING + 10  # 1 while a snapshot waits for the next step that a sample
 MISSING_NS = HEADING + 11  # time of samples that were missing, of the last FADE_NS (fill)
 INTERVAL_NS = HEADING + 12  # the newest interval between IMU samples (fill)
 REFUSED_ROW = HEADING + 13  # three: newest measurements refused one after the other, per stream
-COUNTERS = HEADING + 16
+FROM_NS = HEADING + 16  # late fixes that are valid before are out of reach
+COUNTERS = HEADING + 17
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
