@@ -7,7 +7,7 @@ import pytest
 from closed_loop import World, inputs_of, run
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.disagreement import Present, Refused, Unlearnt, turn_of
+from polar_nav_core.engine.disagreement import Present, Refused, RefusedRow, Unlearnt, turn_of
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind
 from polar_nav_core.engine.health.heading import heading_unknown
@@ -200,6 +200,21 @@ def test_a_turn_leaves_nothing_of_what_was_known_by_the_wrong_heading():
     np.testing.assert_allclose(state.sensitivity[keep], by_heading[keep], atol=1e-12)
     np.testing.assert_array_equal(state.sensitivity[6:9, 6:11], 0.0)
     np.testing.assert_allclose(state.sensitivity[6:9, :6], by_heading[6:9, :6])
+
+
+@pytest.mark.parametrize(('since_s', 'found'), [(-1.0, True), (22.0, False), (None, False)])
+def test_the_newest_fixes_show_a_turn_after_an_attitude_that_ran_away(since_s, found):
+    """The first four are valid while the velocity is wrong, behind the opening of the gate."""
+    fixes = turned(STRAIGHT, 2.5, 0.0)
+    estimated = STRAIGHT - np.where(TIME_S < 20.0, 12.0j * (20.0 - TIME_S), 0.0)
+    refused = RefusedRow()
+    for one in row(fixes - estimated, estimated):
+        refused._row.append(one)
+    unknown = dataclasses.replace(TACTICAL, heading=1.8)
+    since_ns = None if since_s is None else round(since_s * 1e9)
+    turn = refused.turn(np.eye(3), present(estimated), unknown, since_ns)
+    assert (turn is not None) == found
+    assert turn is None or turn.angle == pytest.approx(2.5, abs=0.3)
 
 
 def test_an_unknown_heading_is_an_error_until_fixes_have_shown_it():

@@ -14,6 +14,7 @@ from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.sins import enlarged, reopen
 from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.sins.carried import carried_heading_rows
+from polar_nav_core.kernels.sins.judge import judge_rows
 from polar_nav_core.kernels.sins.update import N
 from polar_nav_core.kernels.sins.work import make_work
 
@@ -238,6 +239,27 @@ def test_a_ping_that_begins_anew_makes_velocity_way_and_tilt_uncertain(since_s, 
     assert np.count_nonzero(s.P - np.diag(np.diagonal(s.P))) == 0
     np.testing.assert_array_equal(w.H[:, :3], 0.0)
     np.testing.assert_array_equal(w.H[:, 3:], 1.0)
+
+
+@pytest.mark.parametrize(
+    ('turn', 'expected'),
+    [
+        ((0.19, 0.0, 0.0), False),
+        ((0.0, -0.21, 0.0), True),
+        ((0.0, 0.0, 0.49), False),
+        ((0.0, 0.1, -0.51), True),
+    ],
+)
+def test_a_ping_that_would_turn_the_attitude_too_far_begins_anew(turn, expected):
+    """Against the correction that the update itself would make."""
+    rng = np.random.default_rng(8)
+    w, m = make_work(), 3
+    L = rng.normal(size=(N, N))
+    P, w.H[:], R = L @ L.T, rng.normal(size=(3, N)), np.eye(3)
+    gain = P @ w.H.T @ np.linalg.inv(w.H @ P @ w.H.T + R)
+    w.z[:] = np.linalg.solve(gain[:3], turn)
+    assert judge_rows(w, P, w.H, R, w.z, m)
+    assert bool(reopen.turns_too_far(w, m)) is expected
 
 
 def test_a_ping_that_begins_anew_takes_back_what_the_gate_has_put_in_doubt():

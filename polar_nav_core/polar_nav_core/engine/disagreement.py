@@ -139,13 +139,18 @@ class RefusedRow:
         C_e_G, present, sigmas
             As of `turn_of`.
         since_ns : int, optional
-            Fixes that are valid later count, and fewer of them are enough.
+            Fixes that are valid later count, and fewer of them are enough: all, or the newest, as
+            what was wrong with the attitude may have gone on after the gate had opened.
         """
         row = sorted(self._row, key=lambda r: r.validity_ns)
-        fewest = FEWEST
-        if since_ns is not None:
-            row, fewest = [r for r in row if r.validity_ns > since_ns], _FEWEST_SINCE
-        return turn_of(row, C_e_G, present, sigmas) if len(row) >= fewest else None
+        if since_ns is None:
+            return turn_of(row, C_e_G, present, sigmas) if len(row) >= FEWEST else None
+        row, found = [r for r in row if r.validity_ns > since_ns], None
+        if len(row) >= _FEWEST_SINCE:
+            found = turn_of(row, C_e_G, present, sigmas)
+        if found is None and len(row) > _FEWEST_SINCE:
+            found = turn_of(row[-_FEWEST_SINCE:], C_e_G, present, sigmas)
+        return found
 
 
 def turn_of(row: list[Refused], C_e_G: Array, present: Present, sigmas: Unlearnt) -> Turn | None:

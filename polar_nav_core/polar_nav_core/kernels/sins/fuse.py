@@ -26,7 +26,14 @@ from .hindsight import (
 )
 from .imu import place
 from .judge import adapt_noise, dof_of, is_definite_in_doubt, judge, passes, remember
-from .reopen import begin_anew, doubt_heading, may_begin_anew, open_gate, opens
+from .reopen import (
+    begin_anew,
+    doubt_heading,
+    may_begin_anew,
+    open_gate,
+    opens,
+    turns_too_far,
+)
 from .rings import Log, Past
 from .runaway import follow, open_wide, runs_away
 from .settings import Settings
@@ -145,7 +152,8 @@ def fuse_rows(
         since_ns = max(s.counters[fs.USED_NS + stream], s.counters[fs.OPENED_NS + stream])
         hold_covariance(s, w)
         open_gate(s, w, stream, m)
-        for again in range(2 if may_begin_anew(s, c, stream) else 1):
+        may = may_begin_anew(s, c, stream)
+        for again in range(2 if may else 1):
             if fused:
                 break
             if again == 1:
@@ -154,6 +162,8 @@ def fuse_rows(
             if not judge(s, c, w, w.R, m):
                 return fs.S_NOT_DEFINITE
             fused = passes(s, c, w, w.z, stream, m)
+            if may and again == 0 and fused:
+                fused = not turns_too_far(w, m)
         tell_enlarged(s, w, log)
     if stream != fs.FIX_ROW and c.most_excess > 0.0:
         follow(s, c, w, stream, m, fused)

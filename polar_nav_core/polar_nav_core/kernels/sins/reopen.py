@@ -34,7 +34,7 @@ from .settings import Settings
 from .shared import clear_shared
 from .signatures import clear_evidence
 from .state import State
-from .update import N
+from .update import N, gain_of
 from .work import Work
 
 FEWEST = 20.0
@@ -168,6 +168,22 @@ def square_of(w: Work, m: int) -> float:
     for k in range(m):
         square += w.z[k] * w.z[k]
     return square
+
+
+@kernel
+def turns_too_far(w: Work, m: int) -> bool:
+    """Whether a judged ping would turn the attitude further than a linear correction can.
+
+    Angles that the covariance holds for possible behind an opened gate explain any velocity.
+    """
+    gain_of(w.K, w.D, w.PHt, w.L, w.S, m)
+    for k in range(3):
+        turn = 0.0
+        for a in range(m):
+            turn += w.z[a] * w.K[a, k]
+        if abs(turn) > (MOST_HEADING if k == UP else MOST_TILT):
+            return True
+    return False
 
 
 @kernel
