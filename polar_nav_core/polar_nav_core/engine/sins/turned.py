@@ -71,11 +71,14 @@ def _opened_ns(f: NavigationFilter) -> int | None:
     """When the DVL's gate had to be opened again [ns]; None if it was not, or is long ago.
 
     What was wrong with the attitude then, a turn that the gyros missed or one that never was, may
-    have been about up, too: a DVL does not show it.
+    have been about up, too: a DVL does not show it. Where no ping was used since, dead reckoning
+    has a velocity that is wrong in other ways than by a turn.
     """
-    opened_ns = int(f.state.counters[fs.OPENED_NS + fs.DVL_ROW])
+    counters = f.state.counters
+    opened_ns = int(counters[fs.OPENED_NS + fs.DVL_ROW])
     lately = opened_ns > f.start_ns and f.stamp_ns - opened_ns < AGAIN_NS
-    return opened_ns if lately else None
+    is_used = counters[fs.USED_NS + fs.DVL_ROW] > opened_ns
+    return opened_ns if lately and is_used else None
 
 
 def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
