@@ -54,8 +54,8 @@ def present(track, age_s=0.0, bent=None):
     velocity = (track[-1] - track[-2]) / PERIOD_S
     here = track[-1] + velocity * age_s
     stamp_ns = round((TIME_S[-1] + age_s) * 1e9)
-    given = {} if bent is None else {'track': lambda _: np.append(bent, 0.0)}
-    return Present(stamp_ns, np.array([here.real, here.imag, 0.0]), **given)
+    way = None if bent is None else np.append(bent, 0.0)
+    return Present(stamp_ns, np.array([here.real, here.imag, 0.0]), lambda _: way)
 
 
 STRAIGHT = 2.0 * TIME_S * np.exp(0.3j)

@@ -92,14 +92,14 @@ class Present:
     stamp_ns : int
     r_e : (3,) array
         Position, ECEF [m].
-    track : callable, optional
+    track : callable
         Gives the way to it from stamps [ns] (n,) by the velocities of then, turned by what the
         heading was corrected by since: east + i north [m]; None if the past is too short.
     """
 
     stamp_ns: int
     r_e: Array
-    track: Callable[[Ints], Complex | None] = lambda _: None
+    track: Callable[[Ints], Complex | None]
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def folder_of(source: Path) -> Path:
 
 
 @cache
-def sources_of(source: Path) -> list[Path]:
+def sources_of(source: Path) -> tuple[Path, ...]:
     """Files that a kernel file is compiled from: itself and all it imports in its folder."""
     folder = folder_of(source)
     found: set[Path] = set()
@@ -72,7 +72,7 @@ def sources_of(source: Path) -> list[Path]:
         if path not in found:
             found.add(path)
             waiting.extend(_imported(path, folder))
-    return sorted(found)
+    return tuple(sorted(found))
 
 
 @cache

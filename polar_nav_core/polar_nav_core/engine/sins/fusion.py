@@ -128,8 +128,7 @@ class Fusion:
 
     def oldest_ns(self) -> int:
         """Oldest validity stamp [ns] at which a fix can still be fused."""
-        from_ns = int(self.filter.state.counters[fs.FROM_NS])
-        return max(from_ns, self.filter.history.reaches_ns())
+        return self.filter.history.reaches_ns()
 
     @property
     def stamp_ns(self) -> int:

@@ -148,10 +148,8 @@ class History:
 
         It is the newest one at or before `stamp_ns`; empty if none is stored.
         """
-        length = len(self._past.stamps)
         first = int(newest_until(self._past.stamps, self.count, stamp_ns))
-        begin = self.count if first < 0 else first
-        rows = np.arange(begin, self.count) % length
+        rows = self._rows(self.count if first < 0 else first)
         return self._past.stamps[rows], self._past.velocities[rows]
 
     def since(self, stamp_ns: int) -> Since | None:
@@ -159,7 +157,7 @@ class History:
         number = int(newest_until(self._past.stamps, self.count, stamp_ns))
         if number < 0 or not self._usable(number):
             return None
-        rows = np.arange(number, self.count) % len(self._past.stamps)
+        rows = self._rows(number)
         firsts = self._past.firsts[rows]
         corrected = np.arange(firsts[0], self.correction) % len(self.corrections)
         return Since(
@@ -170,9 +168,10 @@ class History:
         )
 
     def reaches_ns(self) -> int:
-        """Stamp [ns] of the oldest epoch that a fix can be referred to; 0 without one.
+        """Stamp [ns] from which on a fix can be referred to an epoch; 0 without one.
 
-        What is short of room first, epochs, transitions or corrections, decides.
+        What is short of room first, epochs, transitions or corrections, decides, or a turn before
+        which the track was another one.
         """
         if not self.count:
             return 0
@@ -183,7 +182,11 @@ class History:
                 high = middle
             else:
                 low = middle + 1
-        return self._stamp(low)
+        return max(self._stamp(low), int(self._counters[fs.FROM_NS]))
+
+    def _rows(self, number: int) -> Ints:
+        """Places of the epochs from a number on."""
+        return np.arange(number, self.count) % len(self._past.stamps)
 
     def _usable(self, number: int) -> bool:
         """Whether all transitions and corrections since an epoch are still stored."""

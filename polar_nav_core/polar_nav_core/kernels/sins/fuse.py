@@ -152,8 +152,8 @@ def fuse_rows(
         since_ns = max(s.counters[fs.USED_NS + stream], s.counters[fs.OPENED_NS + stream])
         hold_covariance(s, w)
         open_gate(s, w, stream, m)
-        may = may_begin_anew(s, c, stream)
-        for again in range(2 if may else 1):
+        may_anew = may_begin_anew(s, c, stream)
+        for again in range(2 if may_anew else 1):
             if fused:
                 break
             if again == 1:
@@ -162,7 +162,7 @@ def fuse_rows(
             if not judge(s, c, w, w.R, m):
                 return fs.S_NOT_DEFINITE
             fused = passes(s, c, w, w.z, stream, m)
-            if may and again == 0 and fused:
+            if may_anew and again == 0 and fused:
                 fused = not turns_too_far(w, m)
         tell_enlarged(s, w, log)
     if stream != fs.FIX_ROW and c.most_excess > 0.0:
