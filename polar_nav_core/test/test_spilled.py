@@ -149,6 +149,49 @@ def test_pieces_take_room_once(monkeypatch):
     assert taken == [(320,)]
 
 
+@pytest.mark.parametrize('rows', [0, 4000])
+@pytest.mark.parametrize('least', [1, 1 << 30])
+def test_a_table_is_read_as_it_was_written(monkeypatch, least, rows):
+    monkeypatch.setattr(spilled, 'LEAST_BYTES', least)
+    monkeypatch.setattr(spilled, 'ROWS', 500)
+    before = files_open()
+    columns = {
+        'stamp': np.arange(3000),
+        'state': np.arange(3000, dtype=np.uint8),
+        'C': np.arange(27_000.0).reshape(3000, 3, 3),
+        'strided': np.arange(6000.0)[::2],
+    }
+    table = spilled.Table(columns, rows)
+    for start, stop in ((0, 1), (1, 1), (1, 1000), (1000, 2990), (2990, 3000)):
+        table.append({name: column[start:stop] for name, column in columns.items()})
+    assert len(table) == 3000
+    for found in (table.columns(), table.columns()):
+        spilled.give_back()
+        for name, column in columns.items():
+            assert found[name].dtype == column.dtype
+            np.testing.assert_array_equal(found[name], column)
+    if least == 1:
+        assert files_open() == before + 1  # the pages, which the columns hold
+        assert found['C'].base is not None
+    del table, found
+    assert files_open() == before
+
+
+@pytest.mark.usefixtures('small')
+def test_a_table_that_is_dropped_leaves_no_file_open():
+    before = files_open()
+    table = spilled.Table({'a': np.zeros(0)}, 10)
+    table.append({'a': np.zeros(5)})
+    assert files_open() > before
+    del table
+    assert files_open() == before
+
+
+def test_a_table_without_rows_has_columns():
+    found = spilled.Table({'a': np.zeros((0, 2))}, 0).columns()
+    assert found['a'].shape == (0, 2)
+
+
 def test_memory_of_freed_objects_is_given_back_where_the_allocator_can(monkeypatch):
     trimmed = []
     with_glibc = SimpleNamespace(malloc_trim=trimmed.append)

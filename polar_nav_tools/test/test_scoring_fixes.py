@@ -4,8 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
+from polar_nav_core.engine.outputs import Receipt
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_tools.report.example import estimate_with_errors, example_truth
 from polar_nav_tools.scoring import (
     Window,
@@ -18,6 +20,7 @@ from polar_nav_tools.scoring import (
 )
 from polar_nav_tools.scoring.timeliness import timed_fixes
 from polar_nav_tools.scoring.verdicts import UNKNOWN_NS, VerdictSeries, in_order
+from polar_nav_tools.series.estimates import receipts_of
 from polar_nav_tools.series.vehicle import ReceiptRecord
 
 S = 1_000_000_000
@@ -68,6 +71,36 @@ def test_last_revision_counts():
         ['GATED', 'FUSED', 'DUPLICATE'],
         [5 * S, 5 * S, 6 * S],
     ]
+
+
+@pytest.mark.parametrize('revised', [False, True])
+def test_columns_of_a_replay_are_those_of_its_records(revised):
+    receipts = [
+        Receipt(
+            stamp_ns=k * S,
+            verdict=Verdict(k % 16),
+            reason=f'reason {k}',
+            topic=RX if k % 5 else '/other',
+            source='leader' if k % 3 else '',
+            sequence=k // 2,
+            validity_ns=k * S if k % 7 else 0,
+            transmit_ns=0,
+            receive_ns=k // 2 * S,
+            nis=float('nan') if k % 4 else 0.1 * k,
+            dof=k % 4,
+            revision=k % 2 if revised else 0,
+        )
+        for k in range(5000)  # more than are kept as objects
+    ]
+    records = receipts_of(receipts)
+    found, expected = VerdictSeries.of(records), VerdictSeries.of(list(records))
+    assert found.revised == expected.revised
+    assert bool(found.revised) == revised
+    for field in dataclasses.fields(VerdictSeries):
+        if field.name != 'revised':
+            column, other = getattr(found, field.name), getattr(expected, field.name)
+            assert column.dtype == other.dtype
+            assert_array_equal(column, other)
 
 
 def test_verdicts_have_one_order():

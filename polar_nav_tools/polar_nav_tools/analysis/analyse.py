@@ -22,8 +22,7 @@ from ..report.input import Digest, TopicCount
 from ..scoring import Balance, Comparison, balances, compare, mission_phases
 from ..scoring.compare import Run
 from ..scoring.delivery import Delivery
-from ..series.run import RunSeries
-from ..smoothing.bag import SMOOTHER, smoothed_series
+from ..series.run import SMOOTHER, RunSeries
 from .counts import topic_counts
 from .judged import LIVE, judged_of, live_span
 from .opening import Say, follower_of
@@ -181,6 +180,8 @@ def analyse(
             series[title] = replace(run, model=model)
         verification = replays.verified(say) if verified else None
     if smooth:
+        from ..smoothing.bag import smoothed_series
+
         series[SMOOTHER] = smoothed_series(bag, name, parts[-1])
     runs = {title: (truth, run.estimates, run.receipts) for title, run in series.items()}
     packets = _packets_of(bag, name)

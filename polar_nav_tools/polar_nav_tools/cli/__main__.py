@@ -3,6 +3,9 @@
 import sys
 
 from polar_nav_tools.cli import main
+from polar_nav_tools.terminal.garbage_collection import end_without_collecting
 
 if __name__ == '__main__':
-    sys.exit(main())
+    status = main()
+    end_without_collecting()
+    sys.exit(status)

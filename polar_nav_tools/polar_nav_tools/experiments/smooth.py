@@ -35,6 +35,7 @@ from polar_nav_sim.offline_station import StationScenario
 
 from ..scoring.tables import Column, Table
 from ..series.estimates import EstimateRows
+from ..series.run import FILTER, SMOOTHER
 from ..series.vehicle import EstimateSeries
 from ..smoothing.doubts import doubts_of
 from .calibrate.rows import params_of, world_of
@@ -53,7 +54,6 @@ from .tune.rows import LATE, mems_world
 from .world import World, make_world
 from .world_spec import WorldSpec
 
-FILTER, SMOOTHER = 'filter', 'smoother'
 _BAND = 0.999
 _SETTLED = 0.25
 """Share of the run that is left out at its start: the filter is learning."""

@@ -18,6 +18,7 @@ from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.errors import ConfigError
 
 from ..scoring.tables import Column, Table
+from ..series.run import FILTER, SMOOTHER
 from .experiment import Experiment
 from .jobs import RunResult
 from .mismatch.judge import Course, errors_of, is_wrong, shares_beyond
@@ -27,7 +28,6 @@ from .mismatch.rows import rows_named
 from .request import Request, Size
 from .suite import one_filter_suite
 
-FILTER, SMOOTHER = 'filter', 'smoother'
 _BEYOND = 4.0
 
 

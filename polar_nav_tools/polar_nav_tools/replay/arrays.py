@@ -192,6 +192,11 @@ class NumberedInputs:
     inputs: Inputs
     numbers: Mapping[str, NDArray[np.intp] | None]
 
+    @property
+    def any_moved(self) -> bool:
+        """Whether a receipt may have to be renumbered."""
+        return any(numbers is not None for numbers in self.numbers.values())
+
     def renumbered(self, receipt: Receipt) -> Receipt:
         """Receipt of a local message with the number of the message on its topic."""
         numbers = self.numbers.get(receipt.topic)

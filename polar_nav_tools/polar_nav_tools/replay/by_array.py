@@ -53,9 +53,12 @@ def replay_arrays(
         derived=True,
         look_every_s=LOOK_EVERY_S,
     )
-    found = map(numbered.renumbered, result.receipts)
-    receipts = Receipts(_merged(found, source.refused))
-    del numbered, found
+    receipts: Sequence[Receipt] = result.receipts
+    if source.refused or numbered.any_moved:
+        found = map(numbered.renumbered, receipts)
+        receipts = Receipts(_merged(found, source.refused))
+        del found
+    del numbered
     spilled.give_back_freed()
     verdicts = Counter(dict(result.verdicts))
     verdicts.update(r.verdict for r in source.refused)

@@ -14,7 +14,8 @@ from polar_nav_core.engine.outputs import LOCAL_DOF, NIS_SUM, UPDATES
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.spilled import by_rows
 
-from ..series.vehicle import Floats, Ints, ReceiptRecord, Series, last_places
+from ..series.estimates import Records
+from ..series.vehicle import KEY, Floats, Ints, ReceiptRecord, Series, last_places
 from .consistency import Consistency, consistency, consistency_of_sums
 from .json_values import record
 
@@ -68,6 +69,8 @@ class VerdictSeries(Series):
     @classmethod
     def of(cls, receipts: Sequence[ReceiptRecord]) -> Self:
         """Series of the last revisions of `receipts`."""
+        if isinstance(receipts, Records):
+            return cls._of_columns(receipts)
         every, keyed = np.zeros(len(receipts), _ROW), []
         for k, r in enumerate(receipts):  # once: they are made when they are read
             times = (r.stamp_ns, _time(r.validity_ns), _time(r.receive_ns))
@@ -77,6 +80,23 @@ class VerdictSeries(Series):
         rows = every[np.asarray(last_places(keyed), dtype=np.int64)]
         columns = {name: rows[name].copy() for name in _ROW.names or ()}
         return cls(**columns, revised=len(every) - len(rows))
+
+    @classmethod
+    def _of_columns(cls, records: Records) -> Self:
+        """Series of a run of any length, without an object for each receipt."""
+        times, texts = ('validity_ns', 'receive_ns'), ('source', 'topic')
+        every = records.columns('stamp_ns', *times, 'verdict', *texts, 'nis', 'dof')
+        every['degrees_of_freedom'] = every.pop('dof')
+        for name in times:
+            every[name][every[name] == 0] = UNKNOWN_NS
+        every['verdict'] = np.array(VERDICTS, dtype=np.object_)[every['verdict']]
+        rows, revisions = every, records.columns('revision')['revision']
+        if revisions.any():  # hardly ever
+            keys = zip(*(c.tolist() for c in records.columns(*KEY).values()), strict=True)
+            places = last_places(list(zip(keys, revisions.tolist(), strict=True)))
+            last = np.asarray(places, dtype=np.int64)
+            rows = {name: column[last] for name, column in every.items()}
+        return cls(**rows, revised=len(revisions) - len(rows['nis']))
 
     def fused(self) -> Self:
         """Rows of fused fixes with known validity and reception."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from polar_nav_core import nav_columns, spilled
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.receipt_rows import Receipts
 from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
 from polar_nav_msgs.msg import NavState
@@ -30,9 +31,6 @@ _COVARIANCES = {
 }
 
 Columns = dict[str, NDArray[Any]]
-
-_KEPT_ROWS = 1 << 14
-"""Rows that are written before their memory is given back: some 13 MB."""
 
 
 class EstimateRows:
@@ -51,48 +49,29 @@ class EstimateRows:
 
     def __init__(self, params: EngineParams, expected: int = 0) -> None:
         self._params = params
-        self._room = max(expected, 1)
-        self._columns: Columns = {}
-        self._count = 0
-        self._touched = 0
+        self._expected = expected
+        self._table: spilled.Table | None = None
 
     def append(self, chunk: Track) -> None:
         """Append copies of some rows."""
         columns = self._columns_of(chunk)
-        start, stop = self._count, self._count + len(chunk.stamps_ns)
-        if not self._columns or stop > self._room:
-            self._make_room(columns, stop)
-        for name, column in columns.items():
-            self._columns[name][start:stop] = column
-        self._count = stop
-        self._touched += len(chunk.stamps_ns)
-        if self._touched >= _KEPT_ROWS:
-            spilled.give_back()
-            self._touched = 0
+        if self._table is None:
+            self._table = spilled.Table(columns, max(self._expected, len(chunk.stamps_ns)))
+        self._table.append(columns)
 
     def series(self, vehicle: str) -> EstimateSeries:
         """Return the series of the whole run."""
-        if not self._columns:
+        if self._table is None:
             self.append(_no_rows())
-        count = self._count
-        configuration = self._params.configuration if count else ''
-        columns: dict[str, Any] = {name: c[:count] for name, c in self._columns.items()}
+            return self.series(vehicle)
+        configuration = self._params.configuration if len(self._table) else ''
+        columns: dict[str, Any] = self._table.columns()
         return EstimateSeries(
             vehicle=vehicle,
             configuration=configuration,
-            configurations=(configuration,) if count else (),
+            configurations=(configuration,) if configuration else (),
             **columns,
         )
-
-    def _make_room(self, columns: Columns, rows: int) -> None:
-        """Allocate room once: arrays that are joined at the end would use it twice."""
-        start = self._count
-        self._room = max(self._room, rows + rows // 2 if start else rows)
-        for name, column in columns.items():
-            wider = spilled.empty((self._room, *column.shape[1:]), column.dtype)
-            for part in spilled.parts(start):
-                wider[part] = self._columns[name][part]
-            self._columns[name] = wider
 
     def _columns_of(self, rows: Track) -> Columns:
         """Columns of an EstimateSeries; see `navigation_outputs.nav_to_msg` for each."""
@@ -130,14 +109,18 @@ _RECEIPT = [f.name for f in fields(Receipt)]
 
 def receipts_of(receipts: Sequence[Receipt]) -> Sequence[ReceiptRecord]:
     """Receipts of a run in the form of recorded ones, made when they are read."""
-    return _Records(receipts)
+    return Records(receipts if isinstance(receipts, Receipts) else Receipts(receipts))
 
 
-class _Records(Sequence[ReceiptRecord]):
+class Records(Sequence[ReceiptRecord]):
     """Records of receipts, of which a day has too many to keep them."""
 
-    def __init__(self, receipts: Sequence[Receipt]) -> None:
+    def __init__(self, receipts: Receipts) -> None:
         self._receipts = receipts
+
+    def columns(self, *names: str) -> Columns:
+        """Return fields of the receipts as columns; see `Receipts.columns`."""
+        return self._receipts.columns(*names)
 
     def __len__(self) -> int:
         return len(self._receipts)

@@ -10,6 +10,9 @@ from polar_nav_core.engine.health.conditions import Health
 from .model import ModelRun
 from .vehicle import EstimateSeries, ReceiptRecord
 
+FILTER, SMOOTHER = 'filter', 'smoother'
+"""Names of a run and of the same run smoothed, where both are compared."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RunSeries:

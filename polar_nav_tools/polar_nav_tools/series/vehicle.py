@@ -301,6 +301,8 @@ class ReceiptRecord:
         return (self.topic, self.source, self.sequence, self.receive_ns)
 
 
+KEY = ('topic', 'source', 'sequence', 'receive_ns')
+"""Fields of a receipt that `ReceiptRecord.key` has."""
 Key = tuple[str, str, int, int | None]
 """Identity of a received message, as of `ReceiptRecord.key`."""
 

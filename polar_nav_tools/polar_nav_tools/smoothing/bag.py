@@ -33,13 +33,12 @@ from ..scoring import Comparison, compare
 from ..scoring.verdicts import FUSED, VerdictSeries, count_verdicts
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import ModelRun
-from ..series.run import RunSeries
+from ..series.run import FILTER, SMOOTHER, RunSeries
 from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .doubts import Doubts, doubts_of
 
 Progress = Callable[[float], None]
 AnySmoothed: TypeAlias = Smoothed[engine_run.Track] | Smoothed[engine_run.StationTrack]
-FILTER, SMOOTHER = 'filter', 'smoother'
 _NOT_TESTED = 'constants are tested by `./polar smooth` in mode sins only'
 
 
