@@ -13,7 +13,7 @@ from fix_samples import PLACE, S, fix
 
 from polar_nav_core.engine import ledger as ledger_module
 from polar_nav_core.engine.health.conditions import Culprit, Level
-from polar_nav_core.engine.ledger import FixLedger
+from polar_nav_core.engine.ledger import Believed, FixLedger
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.results import FixResult, Outcome, chi2_gate
 from polar_nav_core.engine.verdicts import Verdict
@@ -245,7 +245,7 @@ def test_a_fix_out_of_reach_is_suspicious_from_its_reception_on(book):
 def test_a_turned_dead_reckoning_is_an_error_for_a_minute(book):
     book.ledger.believed(30 * S)
     assert book.keys(30.0) == []
-    book.ledger.believed(30 * S, turned=True)
+    book.ledger.believed(30 * S, how=Believed.TURNED)
     (condition,) = book.ledger.conditions(72 * S)
     assert (condition.key, condition.level) == ('fixes reopened', Level.ERROR)
     assert condition.culprit == Culprit.HEADING | Culprit.IMU | Culprit.FIXES
@@ -260,7 +260,7 @@ def test_starting_anew_forgets_refusals_and_turns_and_keeps_fixes_and_counts(boo
     book.ledger.remember(first, first.validity_ns, fused=True)
     for k in range(2, 8):
         book.decide(fix(k, 100.0 + k), fused=False)
-    book.ledger.believed(107 * S, turned=True)
+    book.ledger.believed(107 * S, how=Believed.TURNED)
     book.decide(fix(9, 109.0), fused=False)
     assert not book.ledger.integrity.quiet
     book.ledger.start_anew()

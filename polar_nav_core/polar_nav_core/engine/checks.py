@@ -8,6 +8,7 @@ from .driver import Driver
 from .params import EngineParams
 from .results import CORRECTIONS_PER_S, IMU_PERIOD_S
 from .sins.filter import NavigationFilter
+from .sins.fusion import Fusion
 
 _ONLY_CUSTOM = ('delay_handling', 'noise_adaptation', 'gate_probability', 'robust_fixes')
 _SMALL_ANGLE_DEG = 10.0
@@ -39,6 +40,8 @@ def history_warning(params: EngineParams, fusion: Driver | None, start_ns: int) 
         return ''
     oldest_ns = fusion.oldest_ns()
     reach_s = (fusion.stamp_ns - oldest_ns) * 1e-9
+    if isinstance(fusion, Fusion):
+        start_ns = max(start_ns, fusion.replaced_ns)
     if oldest_ns <= start_ns or reach_s >= params.max_delay_s:
         return ''
     return (

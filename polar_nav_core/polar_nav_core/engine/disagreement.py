@@ -129,6 +129,10 @@ class RefusedRow:
         """Begin a new row: a fix was used, or the covariance enlarged."""
         self._row.clear()
 
+    def in_order(self) -> list[Refused]:
+        """Return the fixes in the order of their validity."""
+        return sorted(self._row, key=lambda r: r.validity_ns)
+
     def turn(
         self, C_e_G: Array, present: Present, sigmas: Unlearnt, since_ns: int | None = None
     ) -> Turn | None:
@@ -142,7 +146,7 @@ class RefusedRow:
             Fixes that are valid later count, and fewer of them are enough: all, or the newest, as
             what was wrong with the attitude may have gone on after the gate had opened.
         """
-        row = sorted(self._row, key=lambda r: r.validity_ns)
+        row = self.in_order()
         if since_ns is None:
             return turn_of(row, C_e_G, present, sigmas) if len(row) >= FEWEST else None
         row, found = [r for r in row if r.validity_ns > since_ns], None

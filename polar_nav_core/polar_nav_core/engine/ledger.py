@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
+from enum import Enum
 
 from ..arrays import Array
 from ..kernels.sins.update import Ints
@@ -38,6 +39,31 @@ _SPLIT = 3
 """Packets in a minute that contradict earlier ones: one or two are chance."""
 
 
+class Believed(Enum):
+    """What of an estimate refused fixes have replaced."""
+
+    TURNED = 'a heading'
+    ANEW = 'all but the biases'
+
+
+def _replaced_by_fixes(since_s: float, how: Believed) -> Condition:
+    """The condition that refused fixes have replaced a part of the estimate lately."""
+    if how is Believed.TURNED:
+        why = (
+            'turned against dead reckoning: '
+            'heading, gyro bias and DVL scale count as known no better than at the start'
+        )
+        culprit = Culprit.HEADING | Culprit.IMU | Culprit.FIXES
+    else:
+        why = (
+            'the estimate was faster than max_speed: '
+            'it began anew at the fixes, with an attitude from the accelerometers'
+        )
+        culprit = Culprit.IMU
+    sentence = f'fixes were refused until {since_s:.0f} s ago, {why}'
+    return Condition('fixes reopened', Level.ERROR, culprit, sentence)
+
+
 class FixLedger:
     """Record of one vehicle's fixes.
 
@@ -70,24 +96,26 @@ class FixLedger:
         self.integrity = IntegrityMonitor(params.max_gated_s, params.max_delay_s)
         self.refused_row = RefusedRow()
         self._clock = SenderClock()
-        self._turned_ns: int | None = None
+        self._replaced: tuple[int, Believed] | None = None
 
     def start_anew(self) -> None:
         """Reset the agreement of fixes with the estimate, after a reset of the filter."""
         self.integrity = IntegrityMonitor(self._params.max_gated_s, self._params.max_delay_s)
         self.refused_row.clear()
-        self._turned_ns = None
+        self._replaced = None
         self._fused_before = self._fused[_FIX]
 
-    def believed(self, stamp_ns: int, moved_m: float = 0.0, *, turned: bool = False) -> None:
+    def believed(
+        self, stamp_ns: int, moved_m: float = 0.0, *, how: Believed | None = None
+    ) -> None:
         """Note that fixes are believed again from a stamp [ns] on: those before count no more.
 
-        ``moved_m`` is how far a start was off [m]; ``turned``: a wrong heading was shown.
+        ``moved_m`` is how far a start was off [m]; ``how``: what of the estimate they replaced.
         """
         self.integrity.believed(stamp_ns, moved_m)
         self.refused_row.clear()
-        if turned:
-            self._turned_ns = stamp_ns
+        if how is not None:
+            self._replaced = stamp_ns, how
 
     def packed(self) -> tuple[bytes, bytes]:
         """Fused and refused fixes as bytes, for `restore`."""
@@ -135,14 +163,10 @@ class FixLedger:
                 '(min_fix_sigma): that is used'
             )
             found.append(Condition('fixes too sure', Level.WARN, Culprit.FIXES, sentence))
-        if self._turned_ns is not None and stamp_ns < self._turned_ns + _SUSPICION_NS:
-            since_s = (stamp_ns - self._turned_ns) * 1e-9
-            sentence = (
-                f'fixes were refused until {since_s:.0f} s ago, turned against dead reckoning: '
-                'heading, gyro bias and DVL scale count as known no better than at the start'
-            )
-            culprit = Culprit.HEADING | Culprit.IMU | Culprit.FIXES
-            found.append(Condition('fixes reopened', Level.ERROR, culprit, sentence))
+        if self._replaced is not None:
+            since_s = (stamp_ns - self._replaced[0]) * 1e-9
+            if since_s < _SUSPICION_NS * 1e-9:
+                found.append(_replaced_by_fixes(since_s, self._replaced[1]))
         return found
 
     def _two_senders(self, stamp_ns: int) -> list[Condition]:

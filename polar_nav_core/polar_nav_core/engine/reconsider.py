@@ -1,17 +1,20 @@
 """After a fix was decided: what refused fixes change in a strapdown navigation.
 
-Refused fixes that agree contradict the estimate. Which of the two is right is judged in three
-steps: a track that is turned and stretched shows a wrong heading (engine.disagreement); a start
-that was wrong, or DVL and IMU in doubt, cannot vouch against them (engine.integrity); else nobody
-knows, and the published covariance reaches to where they lie.
+Refused fixes that agree contradict the estimate. Which of the two is right is judged in steps: an
+estimate without a DVL that is faster than the vehicle can be is wrong for certain, and begins anew
+at the fixes (engine.sins.anew); a track that is turned and stretched shows a wrong heading
+(engine.disagreement); a start that was wrong, or DVL and IMU in doubt, cannot vouch against them
+(engine.integrity); else nobody knows, and the published covariance reaches to where they lie.
 """
 
 from __future__ import annotations
 
+from .health.view import View
 from .health.watchdog import doubts_local, is_alone
-from .ledger import FixLedger
+from .ledger import Believed, FixLedger
 from .params import EngineParams
 from .results import Outcome
+from .sins.anew import begin_at_fixes
 from .sins.fusion import Fusion
 from .sins.turned import weigh_refused
 from .sins.view import view_of
@@ -20,11 +23,12 @@ from .sins.view import view_of
 def reconsider(
     fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outcome, sigma_heading: float
 ) -> bool:
-    """Whether the heading was turned; the covariance shows what refused fixes contradict.
+    """Whether refused fixes have replaced a heading, or all but the biases, of an estimate.
 
     Where they outweigh the estimate, the filter's covariance is enlarged, so that the next are
-    fused. Those that are valid before this moment do not count any more, for they are judged by
-    what was stored then. Nothing is done where ``reopen_after_s`` is 0.
+    fused; the published one reaches to where they lie. Those that are valid before this moment do
+    not count any more, for they are judged by what was stored then. Nothing is done where
+    ``reopen_after_s`` is 0.
 
     Parameters
     ----------
@@ -39,22 +43,32 @@ def reconsider(
     """
     if not p.reopen_after_s:
         return False
-    turned = False
-    if not outcome.fused:
-        turned = weigh_refused(fusion.filter, ledger.refused_row, p, sigma_heading)
-        if turned:
-            fusion.forget_past()
-            ledger.believed(fusion.stamp_ns, turned=True)
-        else:
-            _outweigh(fusion, ledger, p, outcome)
+    replaced = not outcome.fused and _replaced(fusion, ledger, p, outcome, sigma_heading)
     fusion.contradict(*ledger.integrity.conflict())
-    return turned
+    return replaced
 
 
-def _outweigh(fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outcome) -> None:
-    """Enlarge the covariance where refused fixes outweigh start, DVL or IMU."""
-    stamp_ns = fusion.stamp_ns
+def _replaced(
+    fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outcome, sigma_heading: float
+) -> bool:
+    """Whether refused fixes replace a part of the estimate; else they may outweigh it."""
+    f, row, stamp_ns = fusion.filter, ledger.refused_row, fusion.stamp_ns
     view = view_of(fusion, stamp_ns, 0)
+    if is_alone(view) and view.speed > p.max_speed and begin_at_fixes(f, row, p.max_speed):
+        ledger.believed(stamp_ns, how=Believed.ANEW)
+    elif weigh_refused(f, row, p, sigma_heading):
+        ledger.believed(stamp_ns, how=Believed.TURNED)
+    else:
+        _outweigh(fusion, ledger, p, outcome, view)
+        return False
+    fusion.forget_past()
+    return True
+
+
+def _outweigh(
+    fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outcome, view: View
+) -> None:
+    """Enlarge the covariance where refused fixes outweigh start, DVL or IMU."""
     found = ledger.integrity.contradiction(
         ledger.fused_since_start,
         doubted=doubts_local(view),
@@ -67,4 +81,4 @@ def _outweigh(fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outco
         fusion.doubt_position(found.distance)
     else:
         fusion.doubt_all(outcome.nis / outcome.dof)
-    ledger.believed(stamp_ns, found.distance if found.constant else 0.0)
+    ledger.believed(fusion.stamp_ns, found.distance if found.constant else 0.0)

@@ -126,6 +126,11 @@ class Fusion:
             return self.filter.fuse_fix()
         return fuse_adapted(self.filter, 3, self._noise_fix, fs.FIX_ROW)
 
+    @property
+    def replaced_ns(self) -> int:
+        """Stamp before which the track was another one, that fixes replaced [ns]; 0 for none."""
+        return int(self.filter.state.counters[fs.FROM_NS])
+
     def oldest_ns(self) -> int:
         """Oldest validity stamp [ns] at which a fix can still be fused."""
         return self.filter.history.reaches_ns()
