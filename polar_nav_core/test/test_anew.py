@@ -8,6 +8,7 @@ from closed_loop import World, inputs_of
 
 from polar_nav_core import grid
 from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.health.conditions import Level
 
@@ -109,6 +110,13 @@ def test_a_past_that_was_replaced_is_not_one_that_sensors_outran(world):
             break
     assert engine.fusion.oldest_ns() == engine.fusion.replaced_ns == engine.fusion.stamp_ns
     assert engine.history_warning == ''
+
+
+def test_a_smoother_is_told_that_nothing_before_bears_on_what_follows(world):
+    faulty = turning(inputs_with(world), 57.0, 1, 1.0)
+    found = smoothing.smooth(world.params(**CONFIGURATION), faulty)
+    assert found.passes == 1
+    assert found.unsettled.startswith('the filter enlarged its covariance')
 
 
 def test_nothing_begins_anew_beside_a_dvl(world):

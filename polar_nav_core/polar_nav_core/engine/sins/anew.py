@@ -25,7 +25,7 @@ from ...kernels.sins.gap import MOST_HEADING, MOST_TILT
 from ...kernels.sins.runaway import MOST_GYRO
 from ..course import course_of
 from ..disagreement import RefusedRow
-from .doubt import forget_fixes
+from .doubt import opened_for_fixes
 from .filter import NavigationFilter
 
 _LEVELLED_S = 2.0
@@ -89,9 +89,8 @@ def begin_at_fixes(f: NavigationFilter, row: RefusedRow, max_speed: float) -> bo
     if len(state.model):
         state.model[fs.P_XE + known.start : fs.P_XE + known.stop] = 0.0
     state.carried[:] = 0.0
-    enlarged.tell_enlarged(state, f.work, f.log)
+    opened_for_fixes(f)
     counters[fs.FROM_NS] = counters[fs.STAMP]
-    forget_fixes(f)
     return True
 
 

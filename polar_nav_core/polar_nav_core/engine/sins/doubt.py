@@ -15,7 +15,7 @@ def inflate(f: NavigationFilter, factor: float) -> None:
     """Enlarge the covariance by a factor, within the limits of `kernels.sins.reopen`."""
     enlarged.hold_covariance(f.state, f.work)
     reopen.inflate(f.state, min(max(factor, reopen.LEAST), reopen.MOST))
-    _opened_for_fixes(f)
+    opened_for_fixes(f)
 
 
 def doubt_position(f: NavigationFilter, distance: float) -> None:
@@ -25,7 +25,7 @@ def doubt_position(f: NavigationFilter, distance: float) -> None:
     P[X.dr_e, :] = 0.0
     P[:, X.dr_e] = 0.0
     P[X.dr_e, X.dr_e] = distance**2 * np.eye(3)
-    _opened_for_fixes(f)
+    opened_for_fixes(f)
 
 
 def contradict(f: NavigationFilter, offset_G: Array, speed_G: Array) -> None:
@@ -38,7 +38,7 @@ def contradict(f: NavigationFilter, offset_G: Array, speed_G: Array) -> None:
     f.state.conflict[3:] = f.frames.C_e_G.T @ offset_G
 
 
-def _opened_for_fixes(f: NavigationFilter) -> None:
+def opened_for_fixes(f: NavigationFilter) -> None:
     """Count an enlargement for fixes; what was remembered of them begins anew."""
     enlarged.tell_enlarged(f.state, f.work, f.log)
     counters = f.state.counters

@@ -45,6 +45,13 @@ _SINS = (
     'clock_step:3600', 'clock_step:-10', 'clock_step:2', 'clock_step:-2',
     'clock_step:0.4', 'clock_step:-0.3',
 )  # fmt: skip
+_WITHOUT_DVL = (
+    'imu_silent:1', 'imu_silent:3', 'imu_stuck:10', 'imu_force:50', 'imu_rate:1',
+    'imu_gyro_step:0.01', 'imu_gyro_axis_stuck:30', 'imu_gyro_degrees:1', 'imu_yaw:20',
+    'imu_yaw:180', 'imu_accelerometer_step:0.05', 'depth_silent:30', 'packet_jump:5000',
+    'packet_displaced:500', 'packet_drift:0.05', 'packet_silent:30',
+)  # fmt: skip
+"""Nothing but fixes vouches for such a vehicle."""
 _STATION = (
     'imu_silent:1', 'imu_silent:20', 'imu_2038', 'imu_rate:30', 'imu_swapped', 'imu_stuck:10',
     'thrust_absurd:1e6', 'thrust_silent:30', 'thrust_silent:inf', 'thrust_nan', 'thrust_swapped',
@@ -61,7 +68,8 @@ class Row:
     Attributes
     ----------
     name : str
-        The fault with its size; ``station/`` before those of station mode.
+        The fault with its size; ``no_dvl/`` and ``station/`` before those of a vehicle without
+        a DVL and of station mode.
     injection : Injection
     scene : SinsScene or StationScene
     """
@@ -79,8 +87,10 @@ class Row:
 def _rows() -> dict[str, Row]:
     duration_s = START_S + _AFTER_S
     sins = scene_of(duration_s=duration_s)
+    without = scene_of(duration_s=duration_s, dvl_rate_hz=0.0)
     station = StationScene(replace(StationScenario(), duration_s=duration_s))
     rows = [Row(text, parse(f'{text}@{START_S:g}'), sins) for text in _SINS]
+    rows += [Row(f'no_dvl/{t}', parse(f'{t}@{START_S:g}'), without) for t in _WITHOUT_DVL]
     rows += [Row(f'station/{t}', parse(f'{t}@{START_S:g}'), station) for t in _STATION]
     return {row.name: row for row in rows}
 
