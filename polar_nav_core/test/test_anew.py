@@ -15,7 +15,7 @@ from polar_nav_core.engine.health.conditions import Level
 pytestmark = pytest.mark.slow
 
 CONFIGURATION = {'configuration': 'default', 'initial_sigma_position': 5.0}
-SENTENCE = 'the estimate was faster than max_speed: it began anew'
+SENTENCE = 'no correction led the estimate back to them: it began anew'
 
 
 @pytest.fixture(scope='module')
@@ -126,7 +126,9 @@ def test_nothing_begins_anew_beside_a_dvl(world):
 
 def test_nothing_begins_anew_where_such_a_speed_is_possible(world):
     faulty = turning(inputs_with(world), 57.0, 1, 1.0)
-    assert not sentences(run(world, faulty, max_speed=10_000.0))
+    until = faulty.imu_stamps_ns[0] + 60 * 10**9
+    rows = [h for h in run(world, faulty, max_speed=10_000.0).health if h.stamp_ns < until]
+    assert not any(h.resets for h in rows)
     assert not sentences(run(world, faulty, reopen_after_s=0.0))
     assert not sentences(run(world, inputs_with(world)))
 

@@ -56,8 +56,8 @@ def _replaced_by_fixes(since_s: float, how: Believed) -> Condition:
         culprit = Culprit.HEADING | Culprit.IMU | Culprit.FIXES
     else:
         why = (
-            'the estimate was faster than max_speed: '
-            'it began anew at the fixes, with an attitude from the accelerometers'
+            'and no correction led the estimate back to them: '
+            'it began anew there, with an attitude from the accelerometers'
         )
         culprit = Culprit.IMU
     sentence = f'fixes were refused until {since_s:.0f} s ago, {why}'

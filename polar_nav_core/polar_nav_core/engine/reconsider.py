@@ -15,6 +15,7 @@ from .ledger import Believed, FixLedger
 from .params import EngineParams
 from .results import Outcome
 from .sins.anew import begin_at_fixes
+from .sins.doubt import is_too_much
 from .sins.fusion import Fusion
 from .sins.turned import weigh_refused
 from .sins.view import view_of
@@ -54,31 +55,40 @@ def _replaced(
     """Whether refused fixes replace a part of the estimate; else they may outweigh it."""
     f, row, stamp_ns = fusion.filter, ledger.refused_row, fusion.stamp_ns
     view = view_of(fusion, stamp_ns, 0)
-    if is_alone(view) and view.speed > p.max_speed and begin_at_fixes(f, row, p.max_speed):
-        ledger.believed(stamp_ns, how=Believed.ANEW)
-    elif weigh_refused(f, row, p, sigma_heading):
-        ledger.believed(stamp_ns, how=Believed.TURNED)
-    else:
-        _outweigh(fusion, ledger, p, outcome, view)
-        return False
+    alone, how = is_alone(view), Believed.ANEW
+    if not (alone and view.speed > p.max_speed and begin_at_fixes(f, row, p.max_speed)):
+        if weigh_refused(f, row, p, sigma_heading):
+            how = Believed.TURNED
+        elif not _outweigh(fusion, ledger, p, outcome, view):
+            return False
     fusion.forget_past()
+    ledger.believed(stamp_ns, how=how)
     return True
 
 
 def _outweigh(
     fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outcome, view: View
-) -> None:
-    """Enlarge the covariance where refused fixes outweigh start, DVL or IMU."""
+) -> bool:
+    """Enlarge the covariance where refused fixes outweigh start, DVL or IMU.
+
+    Whether the filter began anew in place of that: enlarged once more, angles would be possible
+    that no linear filter can have.
+    """
+    alone, factor = is_alone(view), outcome.nis / outcome.dof
     found = ledger.integrity.contradiction(
         ledger.fused_since_start,
         doubted=doubts_local(view),
-        alone=is_alone(view),
+        alone=alone,
         least_s=p.reopen_after_s,
     )
     if found is None:
-        return
+        return False
+    f = fusion.filter
     if found.constant:
         fusion.doubt_position(found.distance)
+    elif alone and is_too_much(f, factor) and begin_at_fixes(f, ledger.refused_row, p.max_speed):
+        return True
     else:
-        fusion.doubt_all(outcome.nis / outcome.dof)
+        fusion.doubt_all(factor)
     ledger.believed(fusion.stamp_ns, found.distance if found.constant else 0.0)
+    return False

@@ -3,9 +3,10 @@
 Without a DVL nothing but fixes shows what a gyro that jumps or a turn that was missed makes of the
 estimate: gravity leaks into the velocity, the gate refuses what contradicts it, and soon no linear
 correction leads back. An estimate that is faster than the vehicle can be (`max_speed`) is wrong
-for certain. Then the refused fixes say where the vehicle is and how fast, and the accelerometers
-where down is, however far the attitude was off: a vehicle accelerates little, so that what they
-feel is gravity. The heading stays, and is doubted.
+for certain, and one whose covariance would have to hold any attitude for possible knows none
+(engine.reconsider). Then the refused fixes say where the vehicle is and how fast, and the
+accelerometers where down is, however far the attitude was off: a vehicle accelerates little, so
+that what they feel is gravity. The heading stays, and is doubted.
 """
 
 from __future__ import annotations
@@ -44,11 +45,14 @@ def begin_at_fixes(f: NavigationFilter, row: RefusedRow, max_speed: float) -> bo
     Parameters
     ----------
     f : NavigationFilter
-        Which has used no ping lately.
+        It has used no ping lately. Where pings were refused since, they, too, say something of
+        the velocity: nothing is done.
     row : RefusedRow
     max_speed : float
         The fastest that the vehicle can be [m/s].
     """
+    if f.state.counters[fs.REFUSED_ROW + fs.DVL_ROW]:
+        return False
     course = course_of(row.in_order(), f.frames.C_e_G, f.stamp_ns)
     if course is None or float(np.linalg.norm(course.velocity)) > max_speed:
         return False

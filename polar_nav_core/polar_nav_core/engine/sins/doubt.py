@@ -8,6 +8,7 @@ from ...arrays import Array
 from ...error_model import X
 from ...kernels.sins import enlarged, hypotheses, reopen
 from ...kernels.sins import state as fs
+from ...kernels.sins.gap import MOST_HEADING, MOST_TILT
 from .filter import NavigationFilter
 
 
@@ -16,6 +17,12 @@ def inflate(f: NavigationFilter, factor: float) -> None:
     enlarged.hold_covariance(f.state, f.work)
     reopen.inflate(f.state, min(max(factor, reopen.LEAST), reopen.MOST))
     opened_for_fixes(f)
+
+
+def is_too_much(f: NavigationFilter, factor: float) -> bool:
+    """Whether angles of an enlarged covariance would be none that a linear filter can have."""
+    variances = min(max(factor, reopen.LEAST), reopen.MOST) * np.diagonal(f.state.P)[X.phi_G]
+    return bool((variances > np.square([MOST_TILT, MOST_TILT, MOST_HEADING])).any())
 
 
 def doubt_position(f: NavigationFilter, distance: float) -> None:
