@@ -8,8 +8,10 @@ from ...arrays import Array
 from ...error_model import X
 from ...kernels.sins import enlarged, hypotheses, reopen
 from ...kernels.sins import state as fs
-from ...kernels.sins.gap import MOST_HEADING, MOST_TILT
 from .filter import NavigationFilter
+
+_MOST_ANGLE = 1.0
+"""1-sigma from which on nothing is known of an angle [rad]."""
 
 
 def inflate(f: NavigationFilter, factor: float) -> None:
@@ -21,8 +23,8 @@ def inflate(f: NavigationFilter, factor: float) -> None:
 
 def is_too_much(f: NavigationFilter, factor: float) -> bool:
     """Whether angles of an enlarged covariance would be none that a linear filter can have."""
-    variances = min(max(factor, reopen.LEAST), reopen.MOST) * np.diagonal(f.state.P)[X.phi_G]
-    return bool((variances > np.square([MOST_TILT, MOST_TILT, MOST_HEADING])).any())
+    largest = float(np.diagonal(f.state.P)[X.phi_G].max())
+    return min(max(factor, reopen.LEAST), reopen.MOST) * largest > _MOST_ANGLE**2
 
 
 def doubt_position(f: NavigationFilter, distance: float) -> None:
