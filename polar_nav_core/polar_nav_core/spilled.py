@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from io import BufferedRandom
 from typing import Any, Self
-from weakref import WeakSet, finalize
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -32,9 +32,8 @@ ROWS = 1 << 13
 _OWN_FILE = 1 << 21
 """Size from which an array has a file of its own."""
 _SHARED_FILE = 1 << 24
-_ALIGNED = 64
-_BLOCK_ROWS = 1 << 10
-"""Rows of a table that go to its file at a time."""
+ALIGNED = 64
+"""Bytes at whose multiples arrays of one file begin."""
 
 IN_MEMORY_BYTES = 1 << 26
 """Size up to which a `Spool` stays in memory."""
@@ -60,7 +59,7 @@ class _Shared:
             if self._pages is None or self._used + size > _SHARED_FILE:
                 self._pages, self._used = _new_file(_SHARED_FILE), 0
             begin = self._used
-            self._used += -(-size // _ALIGNED) * _ALIGNED
+            self._used += -(-size // ALIGNED) * ALIGNED
             return self._pages, begin
 
 
@@ -85,12 +84,12 @@ def empty(shape: int | Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[
 
 def _new_file(size: int) -> mmap.mmap:
     """Return the pages of a new temporary file without a name."""
-    file, pages = _new_open_file(size)
+    file, pages = new_open_file(size)
     file.close()
     return pages
 
 
-def _new_open_file(size: int) -> tuple[BufferedRandom, mmap.mmap]:
+def new_open_file(size: int) -> tuple[BufferedRandom, mmap.mmap]:
     """Return a new temporary file without a name, and its pages."""
     try:
         with ExitStack() as undo:
@@ -234,95 +233,6 @@ class Rows:
         self._count = stop
 
 
-class Table:
-    """Columns that are written from the first row to the last, once, and read then.
-
-    Large ones lie in one temporary file. Rows go there by the block: to write them through memory
-    costs a fault for each page, and several times as much.
-
-    Parameters
-    ----------
-    like : mapping of str to ndarray, shape (n, ...)
-        Arrays of the type and the shape of a row of each column.
-    rows : int
-        Rows to make room for at once.
-    """
-
-    def __init__(self, like: Mapping[str, NDArray[Any]], rows: int) -> None:
-        self._blocks = {
-            name: np.empty((_BLOCK_ROWS, *column.shape[1:]), column.dtype)
-            for name, column in like.items()
-        }
-        self._waiting = self._written = 0
-        self._columns: dict[str, NDArray[Any]] = {}
-        self._file: BufferedRandom | None = None
-        self._make_room(max(rows, 1))
-
-    def __len__(self) -> int:
-        return self._written + self._waiting
-
-    def append(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Append copies of some rows of each column."""
-        count, at = len(next(iter(columns.values()))), 0
-        while at < count:
-            some = min(count - at, _BLOCK_ROWS - self._waiting)
-            for name, block in self._blocks.items():
-                block[self._waiting : self._waiting + some] = columns[name][at : at + some]
-            self._waiting += some
-            at += some
-            if self._waiting == _BLOCK_ROWS:
-                self._write()
-
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """Return all rows of each column; views. No rows can be appended then."""
-        self._write()
-        if self._file is not None:
-            self._file.close()
-        return {name: column[: self._written] for name, column in self._columns.items()}
-
-    def _write(self) -> None:
-        """Write the rows that wait."""
-        if not self._waiting:
-            return
-        stop = self._written + self._waiting
-        if stop > self._room:
-            self._make_room(stop + stop // 2)
-        for name, block in self._blocks.items():
-            self._put(name, self._written, block[: self._waiting])
-        if self._file is not None:
-            self._file.flush()
-        self._written, self._waiting = stop, 0
-
-    def _put(self, name: str, row: int, values: NDArray[Any]) -> None:
-        if self._file is None:
-            self._columns[name][row : row + len(values)] = values
-        else:
-            begin = self._begin[name] + row * (values.nbytes // len(values))
-            _write(self._file, begin, values)
-
-    def _make_room(self, rows: int) -> None:
-        """Make room for so many rows, and write those there that were written before."""
-        before, self._room = self._columns, rows
-        sizes = {n: b[:1].nbytes * rows for n, b in self._blocks.items()}
-        ends = np.cumsum([-(-size // _ALIGNED) * _ALIGNED for size in sizes.values()]).tolist()
-        self._begin = dict(zip(sizes, [0, *ends[:-1]], strict=True))
-        if self._file is not None:
-            self._file.close()
-        self._file, pages = (
-            _new_open_file(ends[-1]) if ends[-1] >= LEAST_BYTES else (None, bytearray(ends[-1]))
-        )
-        if self._file is not None:
-            finalize(self, self._file.close)
-        self._columns = {
-            n: np.ndarray((rows, *b.shape[1:]), b.dtype, buffer=pages, offset=self._begin[n])
-            for n, b in self._blocks.items()
-        }
-        if before:
-            for part in parts(self._written):
-                for name, column in before.items():
-                    self._put(name, part.start, column[part])
-
-
 class LastFirst:
     """Columns whose pieces come in the wrong order, the last one first.
 
@@ -398,7 +308,7 @@ class Spool:
         """
         if self._file is None and self._end + count > len(self._memory):
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the spool
-            _write(self._file, 0, self._memory[: self._end])
+            write(self._file, 0, self._memory[: self._end])
             self._memory = np.empty(0)
         return self._at(self._end, count)
 
@@ -411,7 +321,7 @@ class Spool:
             When the temporary folder has no room for it.
         """
         if self._file is not None:
-            _write(self._file, self._end * piece.itemsize, piece)
+            write(self._file, self._end * piece.itemsize, piece)
         self._end += len(piece)
 
     def read(self, begin: int, count: int) -> NDArray[np.float64]:
@@ -441,7 +351,7 @@ class Spool:
         self.close()
 
 
-def _write(file: BufferedRandom, begin: int, values: NDArray[Any]) -> None:
+def write(file: BufferedRandom, begin: int, values: NDArray[Any]) -> None:
     """Write values to a file, from a byte of it on."""
     try:
         file.seek(begin)

@@ -15,6 +15,7 @@ import pytest
 
 from polar_nav_core import spilled
 from polar_nav_core.errors import PolarNavError
+from polar_nav_core.spilled_table import Table
 
 
 @pytest.fixture
@@ -161,7 +162,7 @@ def test_a_table_is_read_as_it_was_written(monkeypatch, least, rows):
         'C': np.arange(27_000.0).reshape(3000, 3, 3),
         'strided': np.arange(6000.0)[::2],
     }
-    table = spilled.Table(columns, rows)
+    table = Table(columns, rows)
     for start, stop in ((0, 1), (1, 1), (1, 1000), (1000, 2990), (2990, 3000)):
         table.append({name: column[start:stop] for name, column in columns.items()})
     assert len(table) == 3000
@@ -180,7 +181,7 @@ def test_a_table_is_read_as_it_was_written(monkeypatch, least, rows):
 @pytest.mark.usefixtures('small')
 def test_a_table_that_is_dropped_leaves_no_file_open():
     before = files_open()
-    table = spilled.Table({'a': np.zeros(0)}, 10)
+    table = Table({'a': np.zeros(0)}, 10)
     table.append({'a': np.zeros(5)})
     assert files_open() > before
     del table
@@ -188,7 +189,7 @@ def test_a_table_that_is_dropped_leaves_no_file_open():
 
 
 def test_a_table_without_rows_has_columns():
-    found = spilled.Table({'a': np.zeros((0, 2))}, 0).columns()
+    found = Table({'a': np.zeros((0, 2))}, 0).columns()
     assert found['a'].shape == (0, 2)
 
 

@@ -69,7 +69,7 @@ def course_of(refused: Sequence[Refused], C_e_G: Array, stamp_ns: int) -> Course
     if not -time_s[0] >= _LEAST_S:
         return None
     z = np.array([(C_e_G @ (r.r_e - newest.r_e))[:2] for r in row])
-    stated = np.array([np.trace((C_e_G @ r.covariance_e @ C_e_G.T)[:2, :2]) / 2.0 for r in row])
+    stated = np.array([r.variance(C_e_G) for r in row])
     weights = 1.0 / (stated + _moved(time_s) ** 2)
     A = np.column_stack([np.ones(len(row)), time_s])
     covariance = np.linalg.inv(A.T @ (weights[:, None] * A))

@@ -111,6 +111,10 @@ class Refused:
     covariance_e: Array
     offset_G: Array
 
+    def variance(self, C_e_G: Array) -> float:
+        """Return the variance of the fix, mean of the horizontal axes [m^2]."""
+        return float(np.trace((C_e_G @ self.covariance_e @ C_e_G.T)[:2, :2]) / 2.0)
+
 
 class RefusedRow:
     """The newest fixes that were refused in a row."""
@@ -179,8 +183,7 @@ def turn_of(row: list[Refused], C_e_G: Array, present: Present, sigmas: Unlearnt
     time_s = (stamps_ns - row[-1].validity_ns) * 1e-9
     way = present.track(stamps_ns)
     track = np.append(fixes - offset, here) if way is None else here - way
-    variances = [np.trace((C_e_G @ r.covariance_e @ C_e_G.T)[:2, :2]) / 2.0 for r in row]
-    sigma = np.sqrt(np.array(variances))
+    sigma = np.sqrt(np.array([r.variance(C_e_G) for r in row]))
     limit = chi2_gate(_CERTAIN, 2 * len(row) - 2)
     displaced = _centred(fixes - track[:-1], sigma) / sigma
     if not np.sum(np.abs(displaced) ** 2) > _MUCH_WORSE * limit:

@@ -14,12 +14,13 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core import nav_columns, spilled
+from polar_nav_core import nav_columns
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.receipt_rows import Receipts
 from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
+from polar_nav_core.spilled_table import Table
 from polar_nav_msgs.msg import NavState
 
 from .vehicle import SENSOR_ERRORS, SENSOR_SIGMAS, EstimateSeries, ReceiptRecord
@@ -50,13 +51,13 @@ class EstimateRows:
     def __init__(self, params: EngineParams, expected: int = 0) -> None:
         self._params = params
         self._expected = expected
-        self._table: spilled.Table | None = None
+        self._table: Table | None = None
 
     def append(self, chunk: Track) -> None:
         """Append copies of some rows."""
         columns = self._columns_of(chunk)
         if self._table is None:
-            self._table = spilled.Table(columns, max(self._expected, len(chunk.stamps_ns)))
+            self._table = Table(columns, max(self._expected, len(chunk.stamps_ns)))
         self._table.append(columns)
 
     def series(self, vehicle: str) -> EstimateSeries:
