@@ -223,6 +223,7 @@ def test_headings_that_nobody_asked_for_change_nothing(world):
     np.testing.assert_array_equal(both[0].track.P, both[1].track.P)
 
 
+@jit_only
 def test_a_rewound_run_is_that_of_fixes_in_time(world):
     """What `clone` and `rewind` make of late fixes beside headings is nearly the same."""
     stamps, headings, up_b = true_headings(world)
@@ -246,6 +247,7 @@ def test_usbl_bias_and_headings_exclude_one_another(world):
         world.params(heading_reference='true', usbl_bias_sigma=1.0)
 
 
+@jit_only
 def test_a_magnetic_heading_without_a_field_is_refused():
     """80 N 120 E has 1,788 nT: no heading is used there, and the health says so."""
     pytest.importorskip('pygeomag', reason='the field model is not installed')

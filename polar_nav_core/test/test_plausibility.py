@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from closed_loop import World, gathered, inputs_of, run
+from compiled import jit_only
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -354,6 +355,7 @@ def test_pings_that_are_too_sure_are_used_as_those_that_state_none_and_told(clos
     assert abs(np.frombuffer(sure) - np.frombuffer(usual)).max() <= 1e-9
 
 
+@jit_only
 def test_a_whole_run_tells_of_pings_that_are_too_sure_for_a_minute():
     world = World(90.0)
     inputs = inputs_of(world, [])
@@ -409,6 +411,7 @@ def test_an_antenna_may_state_a_centimetre():
     assert plausibility.believed(fix, 0.005) is fix
 
 
+@jit_only
 def test_fixes_that_are_too_sure_are_used_as_the_best_ones_and_told():
     """One after another as in a whole run."""
     world = World(60.0)

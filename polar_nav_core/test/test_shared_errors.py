@@ -164,6 +164,7 @@ def test_fixes_far_calmer_than_stated_are_reported():
     assert until(Navigation(5), lambda z, _: 0.55 * z, 'fixes calm', 400) < 300
 
 
+@jit_only
 def test_fixes_somewhat_calmer_than_stated_are_none():
     navigation = Navigation(6)
     for _ in range(3000):

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_loop import World, inputs_of
+from compiled import jit_only
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.verdicts import Verdict
 
 
 @pytest.mark.parametrize('height', [-0.5, -20.0])
+@jit_only
 def test_an_antenna_works_at_the_surface_only(height):
     world = World(12.0, height=height)
     fixes = [replace(f, topic='/gnss/fix', surface_depth=2.0) for f in world.fixes(1.0, 0.05)]
@@ -28,6 +30,7 @@ def test_an_antenna_works_at_the_surface_only(height):
         assert ('antenna works above 2 m' in receipt.reason) is refused
 
 
+@jit_only
 def test_a_ping_through_the_water_is_refused_and_no_bottom_lock():
     world = World(6.0)
     inputs = inputs_of(world, [])

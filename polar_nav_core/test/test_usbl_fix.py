@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from compiled import jit_only
 from core_jacobian import LEVER, navigation_at, numeric_jacobian
 from core_places import VECTORS, position
 from hypothesis import given
@@ -162,6 +163,7 @@ def test_reference_vector(case):
 
 
 @pytest.mark.parametrize('name', ['exact north pole', '80N 120E', '75S 60W', '89.99N at 180W'])
+@jit_only
 def test_covariance_to_ecef_is_what_errors_do(name):
     """Array noise, leader attitude and position together, mounting and lever arm included."""
     rng = np.random.default_rng(7)

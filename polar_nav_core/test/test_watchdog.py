@@ -79,6 +79,7 @@ def test_memories_forget():
 
 
 @pytest.mark.parametrize('stream', [DVL, DEPTH, FIX])
+@jit_only
 def test_silent_on_white_innovations(stream):
     rng, kept = np.random.default_rng(2), memories()
     m = 1 if stream == DEPTH else 3
@@ -126,6 +127,7 @@ def test_outliers_are_no_bias_but_scatter():
     assert health.level is Level.WARN
 
 
+@jit_only
 def test_refused_sensors_are_an_error_that_ends_and_is_counted():
     rng, kept = np.random.default_rng(7), memories()
     dog = Watchdog(Envelope(max_speed=10.0, max_depth=6000.0))
