@@ -102,6 +102,20 @@ def test_it_stays_beside_its_fixes(world, deg, length_s, delay_s, most_m):
             assert np.mean(np.square(error / sigma)) < 4.0
 
 
+def test_its_heading_is_an_error_until_pings_have_shown_it(world):
+    faulty = turning(inputs_with(world, pings=True), 57.0, 1, 1.0)
+    since_s = (faulty.dvl_stamps_ns - faulty.imu_stamps_ns[0]) * 1e-9
+    names = []
+    for from_s in (100.0, np.inf):
+        result = run(world, replace(faulty, dvl_valid=faulty.dvl_valid & (since_s > from_s)))
+        names.append([{p.condition.key for p in h.present} for h in result.health])
+    again, never = ([('heading unknown' in row) for row in rows] for rows in names)
+    assert not any(again[:40])
+    assert all(again[60:100])
+    assert not any(again[-10:])
+    assert all(never[60:])
+
+
 def test_a_past_that_was_replaced_is_not_one_that_sensors_outran(world):
     engine = Engine(world.params(**CONFIGURATION))
     for event in turning(inputs_with(world), 57.0, 1, 1.0).events():

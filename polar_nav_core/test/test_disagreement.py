@@ -10,7 +10,7 @@ from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.disagreement import Present, Refused, RefusedRow, Unlearnt, turn_of
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind
-from polar_nav_core.engine.health.heading import heading_unknown
+from polar_nav_core.engine.health.heading import heading_lost, heading_unknown
 from polar_nav_core.engine.health.watchdog import Level
 from polar_nav_core.engine.integrity import IntegrityMonitor
 from polar_nav_core.engine.sins.turned import forget
@@ -222,6 +222,15 @@ def test_an_unknown_heading_is_an_error_until_fixes_have_shown_it():
     assert [c.level for c in heading_unknown(1.8, 0.01, 5)] == [Level.ERROR]
     assert heading_unknown(1.8, 0.3, 50)
     assert not heading_unknown(1.8, 0.01, 40)
+
+
+def test_a_lost_heading_is_an_error_until_it_was_measured():
+    """A small sigma is what a filter may have talked itself into."""
+    (condition,) = heading_lost(0.01, 300.0, measured=False)
+    assert condition.level is Level.ERROR
+    assert condition.sentence.endswith('300 s ago: no DVL, AHRS or compass has shown it')
+    assert '17 deg stated' in heading_lost(0.3, 300.0, measured=True)[0].sentence
+    assert not heading_lost(0.01, 300.0, measured=True)
 
 
 @pytest.mark.parametrize('age_s', [0.0, 30.0])

@@ -9,10 +9,10 @@ from .beginning import Beginning
 from .clock_record import ClockRecord
 from .driver import Driver
 from .health.conditions import Condition, Culprit, Health, Level
-from .health.heading import UNKNOWN, heading_unknown
+from .health.heading import UNKNOWN, heading_lost, heading_unknown
 from .health.station import StationWatchdog
-from .health.view import Envelope
-from .health.watchdog import Watchdog, refused_alone
+from .health.view import Envelope, View
+from .health.watchdog import DVL, Watchdog, refused_alone
 from .ledger import FixLedger
 from .params import EngineParams
 from .plausibility import LEAST_PING_VARIANCE
@@ -96,9 +96,10 @@ class HealthMonitor:
             if beginning.replaced is not None:
                 found += beginning.replaced.conditions(stamp_ns, ledger.fused_since_start)
             found += self._clock.conditions(stamp_ns)
-            found += self._heading_unknown(fusion, beginning.stated_heading)
             found += self._pings_too_sure(stamp_ns, too_sure_ns)
             view = view_of(fusion, stamp_ns, resets)
+            unknown = self._heading_unknown(fusion, beginning.stated_heading)
+            found += unknown or self._heading_lost(fusion, view)
             agreed = agreement.conditions
             if agreement.gated_run >= ALARMING:
                 agreed = [refused_alone(condition, view) for condition in agreed]
@@ -110,6 +111,16 @@ class HealthMonitor:
             return []
         now = math.sqrt(fusion.filter.published_P[2, 2])
         return heading_unknown(at_start, now, self._ledger.fused_since_start)
+
+    def _heading_lost(self, fusion: Fusion, view: View) -> list[Condition]:
+        """The condition that nothing has shown the heading since the navigation began anew."""
+        anew_ns = self._ledger.began_anew_ns
+        if anew_ns is None:
+            return []
+        now = math.sqrt(fusion.filter.published_P[2, 2])
+        headings_ns = 0 if view.compass is None else view.compass.used_ns
+        measured = max(int(view.used_ns[DVL]), headings_ns) > anew_ns
+        return heading_lost(now, (view.stamp_ns - anew_ns) * 1e-9, measured=measured)
 
     def _pings_too_sure(self, stamp_ns: int, too_sure_ns: int | None) -> list[Condition]:
         """The condition that pings stated less noise than pings have, in the minute before."""

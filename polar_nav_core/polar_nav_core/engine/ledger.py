@@ -117,6 +117,13 @@ class FixLedger:
         if how is not None:
             self._replaced = stamp_ns, how
 
+    @property
+    def began_anew_ns(self) -> int | None:
+        """When all but the biases was last replaced, if no heading was since [ns]."""
+        if self._replaced is None or self._replaced[1] is not Believed.ANEW:
+            return None
+        return self._replaced[0]
+
     def packed(self) -> tuple[bytes, bytes]:
         """Fused and refused fixes as bytes, for `restore`."""
         return self._of_fused.pack(), self._of_refused.pack()

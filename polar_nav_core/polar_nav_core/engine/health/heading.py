@@ -1,4 +1,4 @@
-"""A heading that was unknown at the start: an error until fixes have shown it."""
+"""A heading that was unknown at the start, or was lost: an error until something has shown it."""
 
 from __future__ import annotations
 
@@ -29,4 +29,28 @@ def heading_unknown(at_start: float, now: float, fused: int) -> list[Condition]:
         f'heading is not known yet ({math.degrees(now):.0f} deg stated, {fused} fixes used): '
         'no estimate is to be trusted'
     )
+    return [Condition('heading unknown', Level.ERROR, Culprit.HEADING, sentence)]
+
+
+def heading_lost(now: float, since_s: float, *, measured: bool) -> list[Condition]:
+    """The condition that a heading, with which a navigation began anew, is not known yet.
+
+    Fixes alone show none on a straight course, and what a filter takes for news of it there may
+    be its tilt's: small sigmas are believed once something has measured it.
+
+    Parameters
+    ----------
+    now, since_s : float
+        Published sigma of the heading [rad]; time since the navigation began anew [s].
+    measured : bool
+        Whether a DVL, an AHRS or a compass was used since.
+    """
+    if measured and now < _KNOWN:
+        return []
+    by = (
+        f'{math.degrees(now):.0f} deg stated'
+        if measured
+        else 'no DVL, AHRS or compass has shown it'
+    )
+    sentence = f'heading is not known since the navigation began anew {since_s:.0f} s ago: {by}'
     return [Condition('heading unknown', Level.ERROR, Culprit.HEADING, sentence)]
