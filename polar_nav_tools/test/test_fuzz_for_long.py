@@ -1,4 +1,4 @@
-"""Mutated bags and payloads for a minute, or ten: the tool's own error or a result, nothing else.
+"""Mutated bags and payloads for seconds or minutes: the tool's own error or a result, no more.
 
 `test_bags_fuzz` lets hypothesis look for small failing files; here time is what counts, and a
 message whose bytes were changed goes all the way: opened, examined, replayed, scored.
@@ -27,7 +27,7 @@ SECONDS_OF_BAG = 6.0
 MOST_MEMORY_KB = 500_000
 MOST_S = 20.0
 LENGTHS = [
-    pytest.param(30.0, marks=pytest.mark.slow, id='30 s'),
+    pytest.param(10.0, marks=pytest.mark.slow, id='10 s'),
     pytest.param(300.0, marks=[pytest.mark.slow, pytest.mark.long], id='5 min'),
 ]
 
