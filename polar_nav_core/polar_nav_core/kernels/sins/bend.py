@@ -8,7 +8,8 @@ and good fixes are refused. The same remainder, of the turn that was really made
 correction: the velocity is moved by phi x v and not round the arc.
 
 Both are below 1e-4 of the velocity where the attitude is known to LARGE, and are left out there:
-nothing changes in a filter that knows its attitude.
+nothing changes in a filter that knows its attitude. So is what a tilt takes from gravity along up,
+5e-5 of it there.
 """
 
 from __future__ import annotations
@@ -19,6 +20,10 @@ from .update import innovation_covariance
 
 LARGE = 0.01
 """Attitude error from which on the remainder counts: root of the sum of squares [rad]."""
+_GRAVITY = 9.8
+"""[m/s^2]."""
+_TILTED_S = 5.0
+"""A tilt lasts for so long, before fixes correct it."""
 
 
 @kernel
@@ -76,6 +81,20 @@ def add_bend_of_carried_ping(
         if own < P[2, 2] * square:
             p += own / square - P[2, 2]
         _add_bend(R, p, square)
+
+
+@kernel
+def add_bend_of_gravity(q: Array, P: Array, dt: float) -> None:
+    """Add to q (24,) what an uncertain tilt makes of gravity along up in a step of dt [s].
+
+    A tilt of phi takes g phi^2/2 from the vertical force, where the transition, along the force
+    that is felt, has twice as much of the phi that is left: at its word, a depth sensor tells a
+    tilt within seconds, and a wrong one. Half the square of the trace of P's tilt block, times
+    g^2, is the mean square of that, and it lasts while the tilt does.
+    """
+    p: float = P[0, 0] + P[1, 1]
+    if p > LARGE * LARGE:
+        q[5] += _TILTED_S * _GRAVITY * _GRAVITY * p * p * dt
 
 
 @kernel

@@ -14,6 +14,7 @@ from ..limits import AXIS, EARTH
 from . import rings
 from . import state as fs
 from .aiding import compare_velocities, model_is_definite, predict_model, store_block_step
+from .bend import add_bend_of_gravity
 from .carried import carry_heading, carry_yaw
 from .consider import (
     DVL_LATENCY,
@@ -122,6 +123,8 @@ def covariance_step(
     _process_noise(w.q, s, c, dt)
     if c.heading.on:
         add_heading_dynamics(c, Phi, inverse, w.q, dt)
+    if c.gap_ns > 0:
+        add_bend_of_gravity(w.q, s.P, dt)
     if gap > 0.0:
         add_gap_noise(w.q, s.P, c.gap_variances, gap - dt, gap)
     predict(s.P, Phi, w.q, w.M)
