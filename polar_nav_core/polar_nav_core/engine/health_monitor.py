@@ -109,18 +109,17 @@ class HealthMonitor:
     def _heading_unknown(self, fusion: Fusion, at_start: float) -> list[Condition]:
         if at_start < UNKNOWN:
             return []
-        now = math.sqrt(fusion.filter.published_P[2, 2])
-        return heading_unknown(at_start, now, self._ledger.fused_since_start)
+        return heading_unknown(at_start, _sigma_of(fusion), self._ledger.fused_since_start)
 
     def _heading_lost(self, fusion: Fusion, view: View) -> list[Condition]:
         """The condition that nothing has shown the heading since the navigation began anew."""
         anew_ns = self._ledger.began_anew_ns
         if anew_ns is None:
             return []
-        now = math.sqrt(fusion.filter.published_P[2, 2])
         headings_ns = 0 if view.compass is None else view.compass.used_ns
         measured = max(int(view.used_ns[DVL]), headings_ns) > anew_ns
-        return heading_lost(now, (view.stamp_ns - anew_ns) * 1e-9, measured=measured)
+        since_s = (view.stamp_ns - anew_ns) * 1e-9
+        return heading_lost(_sigma_of(fusion), since_s, measured=measured)
 
     def _pings_too_sure(self, stamp_ns: int, too_sure_ns: int | None) -> list[Condition]:
         """The condition that pings stated less noise than pings have, in the minute before."""
@@ -133,3 +132,8 @@ class HealthMonitor:
             f'{1e3 * used:.3g} mm/s are used'
         )
         return [Condition('dvl too sure', Level.WARN, Culprit.DVL, sentence)]
+
+
+def _sigma_of(fusion: Fusion) -> float:
+    """Published 1-sigma of the heading [rad]."""
+    return math.sqrt(fusion.filter.published_P[2, 2])

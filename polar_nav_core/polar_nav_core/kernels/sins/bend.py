@@ -16,12 +16,11 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
+from .reopen import GRAVITY
 from .update import innovation_covariance
 
 LARGE = 0.01
 """Attitude error from which on the remainder counts: root of the sum of squares [rad]."""
-_GRAVITY = 9.8
-"""[m/s^2]."""
 _TILTED_S = 5.0
 """A tilt lasts for so long, before fixes correct it."""
 
@@ -88,13 +87,13 @@ def add_bend_of_gravity(q: Array, P: Array, dt: float) -> None:
     """Add to q (24,) what an uncertain tilt makes of gravity along up in a step of dt [s].
 
     A tilt of phi takes g phi^2/2 from the vertical force, where the transition, along the force
-    that is felt, has twice as much of the phi that is left: at its word, a depth sensor tells a
-    tilt within seconds, and a wrong one. Half the square of the trace of P's tilt block, times
-    g^2, is the mean square of that, and it lasts while the tilt does.
+    that is felt, has up to twice as much: at its word, a depth sensor tells a tilt within seconds,
+    and a wrong one. Half the square of the trace of P's tilt block, times g^2, is the mean square
+    of that acceleration; as noise of a density it counts twice the time that the tilt lasts.
     """
     p: float = P[0, 0] + P[1, 1]
     if p > LARGE * LARGE:
-        q[5] += _TILTED_S * _GRAVITY * _GRAVITY * p * p * dt
+        q[5] += _TILTED_S * GRAVITY * GRAVITY * p * p * dt
 
 
 @kernel
