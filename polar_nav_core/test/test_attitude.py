@@ -115,3 +115,13 @@ def test_one_matrix_gives_the_bits_of_many():
     for function in (attitude.quaternion_from_matrix, attitude.log):
         one_by_one = np.array([function(C) for C in many])
         np.testing.assert_array_equal(one_by_one, function(many))
+
+
+def test_one_quaternion_gives_the_bits_of_many():
+    rng = np.random.default_rng(8)
+    many = rng.normal(0.0, 1.0, (400, 4)) * np.repeat([1.0, 1e-6, 1e200, 0.0], 100)[:, None]
+    many[300:, 3] = np.arange(1.0, 101.0)
+    with np.errstate(over='ignore'):
+        found = attitude.matrix_from_quaternion(many)
+    one_by_one = np.array([attitude.matrix_from_quaternion(q) for q in many])
+    np.testing.assert_array_equal(one_by_one, found)

@@ -173,9 +173,13 @@ def test_an_attitude_is_orthogonal_to_a_thousandth():
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     for scale, good in ((1.0, True), (1.00045, True), (0.99955, True), (1.00055, False)):
         assert plausibility.is_attitude(scale * turned) == good
+        assert plausibility.are_attitudes(scale * turned[None]).tolist() == [good]
     assert not plausibility.is_attitude(turned * (1.0 + 0.01 * np.eye(3)))
     sheared = turned + 0.002 * np.outer(turned[:, 0], [0.0, 1.0, 0.0])
-    assert plausibility.are_attitudes(np.array([turned, sheared, turned])).tolist() == [1, 0, 1]
+    for axis in range(3):  # each pair of rows
+        rolled = np.roll(sheared, axis, axis=0)
+        assert not plausibility.is_attitude(rolled)
+        assert plausibility.are_attitudes(np.array([turned, rolled])).tolist() == [1, 0]
     assert not plausibility.is_attitude(np.full((3, 3), np.nan))
 
 

@@ -6,6 +6,7 @@ columns of many messages (replay by arrays, identification). Both forms give the
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import Any, Literal, NamedTuple
 
@@ -110,7 +111,7 @@ def ahrs_from_msg(msg: Imu, number: int) -> ImuSample:
         number,
         np.array([w.x, w.y, w.z]),
         np.array([f.x, f.y, f.z]),
-        _rotations(np.array([[q.x, q.y, q.z, q.w]]))[0] if known else None,
+        _rotation(q.x, q.y, q.z, q.w) if known else None,
         AHRS,
     )
 
@@ -130,6 +131,13 @@ def attitudes(xyzw: Array, covariance_0: Array) -> Array:
     C_b_G = _rotations(xyzw)
     C_b_G[covariance_0 == _UNKNOWN] = np.nan
     return C_b_G
+
+
+def _rotation(x: float, y: float, z: float, w: float) -> Array:
+    """`_rotations` of one quaternion. -> (3, 3)."""
+    if not abs(math.sqrt(x * x + y * y + z * z + w * w) - 1.0) <= _UNIT:
+        return np.full((3, 3), np.nan)
+    return attitude.matrix_from_quaternion((x, y, z, w))
 
 
 def _rotations(xyzw: Array) -> Array:
