@@ -25,7 +25,20 @@ def tasks_of(jobs: Sequence[Any], run: RunJob) -> list[Task]:
     them all; those that follow one another with one seed are taken for such.
     """
     what = f'{run.__module__}.{run.__qualname__}'
-    return [Task(key_of(what, job), {}, job, getattr(job, 'seed', None)) for job in jobs]
+    return [
+        Task(key_of(what, job), _names_of(job), job, getattr(job, 'seed', None)) for job in jobs
+    ]
+
+
+def _names_of(job: object) -> dict[str, str | int | float]:
+    """Group, filter and seed, as far as a job has them: a run without a result is named, too."""
+    row, column = getattr(job, 'row', None), getattr(job, 'column', None)
+    found = {
+        'group': getattr(job, 'group', getattr(row, 'name', None)),
+        'filter': getattr(column, 'name', column),
+        'seed': getattr(job, 'seed', None),
+    }
+    return {name: value for name, value in found.items() if isinstance(value, (str, int))}
 
 
 def result_of(row: Row, run: RunJob) -> RunResult:
