@@ -52,8 +52,7 @@ def long_world():
     return World(300.0)
 
 
-@pytest.mark.parametrize('delay_handling', ['tagged', 'back_propagate'])
-@pytest.mark.parametrize('factor', [0.25, 4.0])
+@pytest.mark.parametrize(('delay_handling', 'factor'), [('tagged', 0.25), ('back_propagate', 4.0)])
 def test_sage_husa_finds_the_true_R(long_world, delay_handling, factor):
     """Stated variance four times too small or too large: within 30 % of the truth in 300 s.
 

@@ -31,6 +31,7 @@ DURATION_S = 1600.0
 CHANGING = {'current_change': 0.3, 'current_turn': 0.6, 'current_period_s': 1800.0}
 
 accepted = [pytest.mark.slow, pytest.mark.timeout(600)]
+at_length = [pytest.mark.long, pytest.mark.timeout(600)]
 
 
 # Numbers to reach: window 950 to 1590 s, full noise, seeds 1 to 5 pooled -------------------------
@@ -51,9 +52,9 @@ def runs_of(column, current):
     [
         pytest.param('published', 'constant', 1.0, (2.6, 1.8, 0.035, 0.018), marks=accepted),
         pytest.param('augmented_1e-6', 'constant', 1.0, (2.2, 1.3, 0.016, 0.013), marks=accepted),
-        pytest.param('augmented_1e-5', 'changing', 1.0, (3.6, 3.0), marks=accepted),
+        pytest.param('augmented_1e-5', 'changing', 1.0, (3.6, 3.0), marks=at_length),
         pytest.param('default', 'constant', 1.5, (2.2, 1.3, 0.016, 0.013), marks=accepted),
-        pytest.param('default', 'changing', 1.5, (3.6, 3.0), marks=accepted),
+        pytest.param('default', 'changing', 1.5, (3.6, 3.0), marks=at_length),
     ],
 )
 def test_errors_after_adaptation(column, current, factor, limits):
