@@ -33,6 +33,16 @@ def test_what_fixes_have_done_is_said_once_their_evidence_has_faded():
     assert 'led the position 2.0 m to grid 000 deg, 4.0 of its stated sigmas' in condition.sentence
 
 
+def test_a_sigma_that_swings_between_fixes_is_one_report():
+    led = Led()
+    assert told(led, [(30, (0.0, 1.6)), (1, None)])[-1]  # 3.2 sigma
+    swings = [told(led, [(1, None)], P * (1.6 / n) ** 2 * 4.0) for n in (2.9, 3.2, 2.6, 3.1, 2.6)]
+    assert all(found == [found[0]] and found[0] for found in swings)
+    assert not told(led, [(1, None)], P * (1.6 / 2.4) ** 2 * 4.0)[0]
+    assert not told(led, [(1, None)], P * (1.6 / 2.9) ** 2 * 4.0)[0]
+    assert told(led, [(1, None)], P * (1.6 / 3.1) ** 2 * 4.0)[0]
+
+
 @pytest.mark.parametrize(('certain', 'level'), [(True, Level.ERROR), (False, Level.WARN)])
 def test_what_was_an_error_by_its_evidence_stays_one(certain, level):
     found = told(Led(), [(30, (0.0, 2.0)), (500, None)], certain=certain)

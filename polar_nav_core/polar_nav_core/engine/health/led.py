@@ -17,6 +17,8 @@ from .slow import FAR, MOVED, Way, shift_in_sigmas
 
 ENDED_NS = 60_000_000_000
 """After so long without evidence what comes next is another fault."""
+ENDS = 2.5
+"""Sigmas below which what was said (from MOVED on) ends: between fixes the sigma swings."""
 
 
 class Led:
@@ -28,6 +30,7 @@ class Led:
         self._certain = False
         """Whether the sum was far when a way last was certain: an ERROR by its own evidence."""
         self._seen_ns = 0
+        self._is_said = False
 
     def look(self, stamp_ns: int, way: Way | None, P_horizontal: Array) -> list[Condition]:
         """The condition that fixes have led the position away and not back, if they have.
@@ -52,7 +55,8 @@ class Led:
             if way.certain or not self._certain:
                 return []
         moved = shift_in_sigmas(led_G, P_horizontal)
-        if not moved > MOVED:
+        self._is_said = moved > (ENDS if self._is_said else MOVED)
+        if not self._is_said:
             return []
         heading = math.degrees(math.atan2(led_G[0], led_G[1])) % 360.0
         sentence = (
