@@ -158,12 +158,12 @@ def test_a_parameter_out_of_range_is_refused_with_one_sentence(finished_demo):
 
 
 def test_another_seed_is_another_run_and_the_same_seed_the_same(finished_demo, tmp_path):
-    """Runs of half the length: what they publish first, the run of that seed publishes first."""
+    """Composed, half as long: what they publish first, the run of that seed publishes first."""
 
     def equal(seed):
         bag = tmp_path / f'seed{seed}'
-        options = ('--duration', DEMO_SECONDS / 2.0, '--seed', seed, '--bag', bag, '--json')
-        done = polar('demo', *options, timeout=300.0)
+        options = ('--composed', '--duration', DEMO_SECONDS / 2.0, '--seed', seed, '--json')
+        done = polar('demo', *options, '--bag', bag, timeout=300.0)
         assert done.returncode == 0, done.stderr
         return same_beginning(bag, finished_demo.bag)
 
