@@ -98,7 +98,7 @@ def test_the_filter_beside_ours_follows_good_data_and_refuses_jumps() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_the_stated_radius_covers_and_no_jump_passes_unseen(tmp_path) -> None:
-    """Two seeds for the mechanism; the table of twenty is docs/experiments.md's."""
+    """Two seeds for the mechanism; the table of twenty is docs/evidence.md's."""
     request = Request(seeds=2, first_seed=9401, duration_s=400.0, jobs=1)
     outcome = run(experiment_named('bluerov2'), request, tmp_path, lambda *_: None)
     rows = {row['filter']: row for row in outcome.tables[0].rows}
