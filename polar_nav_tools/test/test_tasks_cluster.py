@@ -17,7 +17,7 @@ from task_samples import Sum, tasks_of, walk
 
 from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_tools.tasks import attempt as attempt_module
-from polar_nav_tools.tasks import cluster
+from polar_nav_tools.tasks import cluster, distribution
 from polar_nav_tools.tasks.attempt import DifferentWorker, attempt
 from polar_nav_tools.tasks.distribution import Distribution, EndedWorkers, Unreachable
 from polar_nav_tools.tasks.execution import Workers, execute
@@ -98,6 +98,29 @@ def test_rows_of_two_workers_are_those_of_this_process(client, undisturbed, tmp_
     assert by(client, tmp_path / 'a', tasks_of(JOBS)).equals(undisturbed)
     backwards = tasks_of(JOBS[::-1], stretch=7)
     assert by(client, tmp_path / 'b', backwards).take(list(range(39, -1, -1))).equals(undisturbed)
+
+
+def test_what_the_client_keeps_of_the_scheduler_hides_no_worker(
+    client, undisturbed, tmp_path, monkeypatch
+):
+    """It asks for totals every two seconds, and has them where the last answer was."""
+    monkeypatch.setattr(client._periodic_callbacks['scheduler-info'], 'callback_time', 1.0)
+    monkeypatch.setattr(distribution, '_LOOK_S', 0.02)
+    sync, submit, given = client.sync, client.submit, []
+
+    def on_a_busy_machine(*arguments, **options):
+        found = sync(*arguments, **options)
+        time.sleep(0.02)
+        return found
+
+    def counted(*arguments, **options):
+        given.append(arguments)
+        return submit(*arguments, **options)
+
+    monkeypatch.setattr(client, 'sync', on_a_busy_machine)
+    monkeypatch.setattr(client, 'submit', counted)
+    assert by(client, tmp_path / 'rows', tasks_of(JOBS)).equals(undisturbed)
+    assert len(given) == len(JOBS)  # none twice
 
 
 def test_a_killed_worker_loses_nothing(client, undisturbed, tmp_path):

@@ -104,7 +104,8 @@ class Distribution:
         if self._client.status != 'running':
             raise Unreachable(_GONE)
         try:
-            found = self._client.scheduler_info(n_workers=-1)['workers']
+            # What `scheduler_info` returns may be the client's own last look, without workers.
+            found = self._client.sync(self._client.scheduler.identity, n_workers=-1)['workers']
         except OSError as error:
             raise Unreachable(_GONE) from error
         self._looked_s = time.monotonic()
