@@ -10,6 +10,7 @@ import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import distributed
 import psutil
 import pyarrow.parquet as pq
 import pytest
@@ -121,6 +122,24 @@ def test_what_the_client_keeps_of_the_scheduler_hides_no_worker(
     monkeypatch.setattr(client, 'submit', counted)
     assert by(client, tmp_path / 'rows', tasks_of(JOBS)).equals(undisturbed)
     assert len(given) == len(JOBS)  # none twice
+
+
+@pytest.mark.parametrize('error', [distributed.TimeoutError, UnboundLocalError])
+def test_a_result_that_takes_its_time_is_asked_for_again(
+    client, undisturbed, tmp_path, monkeypatch, error
+):
+    """A busy machine: Dask says so, or that its `sync` has neither result nor error."""
+    result, asked = distributed.Future.result, set()
+
+    def late_at_first(future, timeout=None):
+        if future.key not in asked:
+            asked.add(future.key)
+            raise error('late')
+        return result(future, timeout)
+
+    monkeypatch.setattr(distributed.Future, 'result', late_at_first)
+    assert by(client, tmp_path / 'rows', tasks_of(JOBS)).equals(undisturbed)
+    assert len(asked) == len(JOBS)
 
 
 def test_a_killed_worker_loses_nothing(client, undisturbed, tmp_path):

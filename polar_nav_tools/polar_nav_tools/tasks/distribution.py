@@ -174,8 +174,9 @@ class Distribution:
             raise Unreachable(_GONE)
         try:
             found: Attempt = future.result(timeout=_LOOK_S)
-        except NotInTime:
-            # The worker may be gone, its result with it: the next look tells.
+        except (NotInTime, UnboundLocalError):
+            # The worker may be gone, its result with it: the next look tells. The second is what
+            # Dask's `sync` raises where the wait itself was cancelled as its time was over.
             self._ended.put(future)
             return None
         except DifferentWorker:
