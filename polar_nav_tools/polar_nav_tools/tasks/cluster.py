@@ -17,10 +17,11 @@ from polar_nav_core.errors import ConfigError
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
 
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
 LOOPBACK = '127.0.0.1'
 _CONNECT_S = 30.0
+_LOOK_MS = 1000.0
 
 
 def default_workers() -> int:
@@ -37,6 +38,7 @@ def local(workers: int) -> Iterator[Client]:
     """
     import dask
     from distributed import Client, LocalCluster
+    from tornado.ioloop import PeriodicCallback
 
     _silence()
     quiet = {'dashboard': False, 'dashboard_address': f'{LOOPBACK}:0'}
@@ -74,7 +76,10 @@ def local(workers: int) -> Iterator[Client]:
             if interrupts:
                 raise KeyboardInterrupt
             with Client(cluster, set_as_default=False) as client:
+                looks = PeriodicCallback(lambda: _replace_ended(cluster, workers), _LOOK_MS)
+                cluster.loop.add_callback(looks.start)
                 yield client
+                cluster.loop.add_callback(looks.stop)
         except BaseException:
             # Whoever interrupts does not wait for the runs that are under way.
             _kill_all_but(others)
@@ -86,6 +91,16 @@ def local(workers: int) -> Iterator[Client]:
                 cluster.close(timeout=5.0)
             except TimeoutError:
                 _kill_all_but(others)
+
+
+def _replace_ended(cluster: LocalCluster, workers: int) -> None:
+    """Start those anew whose nanny has given up.
+
+    It does where its process is killed before it has quite begun, which takes long on a busy
+    machine: with all of them gone a campaign would wait for ever.
+    """
+    if len(cluster.workers) < workers:
+        cluster.scale(workers)
 
 
 def _silence() -> None:
