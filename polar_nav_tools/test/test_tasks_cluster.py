@@ -10,6 +10,7 @@ import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import dask
 import distributed
 import psutil
 import pyarrow.parquet as pq
@@ -62,6 +63,18 @@ def test_threads_that_outlive_a_cluster_say_nothing_on_the_terminal():
     with pytest.raises(KeyboardInterrupt), cluster.local(1):
         raise KeyboardInterrupt
     assert not logger.isEnabledFor(logging.ERROR)
+
+
+def test_a_worker_that_dask_gives_up_is_replaced():
+    """Dask does not start a process again that was killed before it had quite begun."""
+    with (
+        dask.config.set({'distributed.deploy.lost-worker-timeout': '100 ms'}),
+        cluster.local(1) as c,
+    ):
+        (given_up,) = c.cluster.workers.values()
+        before = c.submit(os.getpid).result()
+        c.sync(given_up.close)
+        assert c.submit(os.getpid, pure=False).result(timeout=120) != before
 
 
 def by(client, folder, tasks, *, failures=False):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import multiprocessing
 import os
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 LOOPBACK = '127.0.0.1'
 _CONNECT_S = 30.0
-_LOOK_MS = 1000.0
+_LOOK_S = 1.0
 
 
 def default_workers() -> int:
@@ -38,7 +39,6 @@ def local(workers: int) -> Iterator[Client]:
     """
     import dask
     from distributed import Client, LocalCluster
-    from tornado.ioloop import PeriodicCallback
 
     _silence()
     quiet = {'dashboard': False, 'dashboard_address': f'{LOOPBACK}:0'}
@@ -76,10 +76,13 @@ def local(workers: int) -> Iterator[Client]:
             if interrupts:
                 raise KeyboardInterrupt
             with Client(cluster, set_as_default=False) as client:
-                looks = PeriodicCallback(lambda: _replace_ended(cluster, workers), _LOOK_MS)
-                cluster.loop.add_callback(looks.start)
-                yield client
-                cluster.loop.add_callback(looks.stop)
+                replacing = asyncio.run_coroutine_threadsafe(
+                    _replace_ended(cluster, workers), cluster.loop.asyncio_loop
+                )
+                try:
+                    yield client
+                finally:
+                    replacing.cancel()
         except BaseException:
             # Whoever interrupts does not wait for the runs that are under way.
             _kill_all_but(others)
@@ -93,14 +96,16 @@ def local(workers: int) -> Iterator[Client]:
                 _kill_all_but(others)
 
 
-def _replace_ended(cluster: LocalCluster, workers: int) -> None:
-    """Start those anew whose nanny has given up.
+async def _replace_ended(cluster: LocalCluster, workers: int) -> None:
+    """Start those anew whose nanny has given up, again and again until it is cancelled.
 
     It does where its process is killed before it has quite begun, which takes long on a busy
     machine: with all of them gone a campaign would wait for ever.
     """
-    if len(cluster.workers) < workers:
-        cluster.scale(workers)
+    while True:
+        await asyncio.sleep(_LOOK_S)
+        if len(cluster.workers) < workers:
+            cluster.scale(workers)
 
 
 def _silence() -> None:
