@@ -101,6 +101,12 @@ def widen(wide: Array, S_zz: Array, J: Array, sigma: Array, m: int) -> None:
 @kernel
 def update_sensitivity(S: Array, K: Array, J: Array, m: int) -> None:
     """S <- S - K J, with J as `innovation_sensitivity` leaves it and K (3, 24) transposed."""
+    if m == 3:
+        for i in range(N):
+            k_0, k_1, k_2 = K[0, i], K[1, i], K[2, i]
+            for c in range(COLUMNS):
+                S[i, c] = S[i, c] - k_0 * J[0, c] - k_1 * J[1, c] - k_2 * J[2, c]
+        return
     for a in range(m):
         for i in range(N):
             gain = K[a, i]

@@ -12,7 +12,7 @@ from . import state as fs
 from .aiding import correct_block, fill_block_gain, store_block_rows
 from .bend import add_bend_of_carried_ping, add_bend_of_correction, add_bend_of_ping
 from .carried import note_ping, note_turn
-from .consider import COLUMNS, update_sensitivity
+from .consider import update_sensitivity
 from .enlarged import hold_covariance, tell_bend, tell_enlarged
 from .far import begin_move, end_move, is_far
 from .hindsight import (
@@ -39,7 +39,7 @@ from .runaway import follow, open_wide, runs_away
 from .settings import Settings
 from .signatures import note
 from .state import Frames, State
-from .update import N, feed_back, update
+from .update import feed_back, update
 from .work import Work
 
 
@@ -88,7 +88,7 @@ def correct_and_remember(s: State, c: Settings, past: Past, C_e_G: Array, x: Arr
     if far:
         end_move(s.turn, s.r_e, C_e_G, x, height)
     i = s.counters[fs.CORRECTIONS] % past.corrections.shape[0]
-    for k in range(N):
+    for k in range(past.corrections.shape[1]):
         past.corrections[i, k] = x[k]
     past.correction_steps[i] = s.counters[fs.STEPS]
     s.counters[fs.CORRECTIONS] += 1
@@ -271,15 +271,22 @@ def store_update(log: Log, number: int, w: Work, m: int) -> None:
     """
     i = number % log.H.shape[0]
     for a in range(3):
-        for k in range(COLUMNS):
-            log.moved[i, a, k] = w.moved[a, k] if a < m else 0.0
-        log.z[i, a] = w.z[a] if a < m else 0.0
-        for k in range(N):
-            log.H[i, a, k] = w.H[a, k] if a < m else 0.0
+        if a < m:
+            for k in range(log.moved.shape[2]):
+                log.moved[i, a, k] = w.moved[a, k]
+            for k in range(log.H.shape[2]):
+                log.H[i, a, k] = w.H[a, k]
+        else:
+            for k in range(log.moved.shape[2]):
+                log.moved[i, a, k] = 0.0
+            for k in range(log.H.shape[2]):
+                log.H[i, a, k] = 0.0
+        for k in range(log.K.shape[2]):
             log.K[i, a, k] = w.K[a, k]
+        log.z[i, a] = w.z[a] if a < m else 0.0
         for b in range(3):
             inside = a < m and b < m
             log.S[i, a, b] = w.S[a, b] if inside else 0.0
             log.L[i, a, b] = w.L[a, b] if inside else 0.0
-    for k in range(N):
+    for k in range(log.x.shape[1]):
         log.x[i, k] = w.x[k]

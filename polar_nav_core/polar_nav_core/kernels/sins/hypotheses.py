@@ -22,7 +22,7 @@ from ...arrays import Array
 from ..cache import kernel
 from ..evidence import pair_statistic
 from .consider import COLUMNS
-from .update import COUPLED, DV, GYRO, MARKOV, NAV, SCALE, USBL, N
+from .update import DV, GYRO, MARKOV, NAV, SCALE, USBL, N
 
 # Kinds of faults; the unit of each.
 FIX_EAST = 0  # fixes drift to grid east, 1 m/s
@@ -69,13 +69,22 @@ def advance_signatures(bank: Array, Phi: Array, step: float, dt: float, M: Array
     M : (SCRATCH, n) scratch
     """
     ratio = dt / step
-    for i in range(NAV):
+    for i in range(NAV):  # one expression of COUPLED products
+        x_0, x_1, x_2 = _part(Phi, i, 0, ratio), _part(Phi, i, 1, ratio), _part(Phi, i, 2, ratio)
+        x_3, x_4, x_5 = _part(Phi, i, 3, ratio), _part(Phi, i, 4, ratio), _part(Phi, i, 5, ratio)
+        x_6, x_7, x_8 = _part(Phi, i, 6, ratio), _part(Phi, i, 7, ratio), _part(Phi, i, 8, ratio)
+        x_9, x_10 = _part(Phi, i, 9, ratio), _part(Phi, i, 10, ratio)
+        x_11, x_12 = _part(Phi, i, 11, ratio), _part(Phi, i, 12, ratio)
+        x_13, x_14 = _part(Phi, i, 13, ratio), _part(Phi, i, 14, ratio)
         for c in range(bank.shape[1]):
-            M[i, c] = bank[i, c]
-        for k in range(COUPLED):
-            x = ratio * (Phi[i, k] - (1.0 if i == k else 0.0))
-            for c in range(bank.shape[1]):
-                M[i, c] += x * bank[k, c]
+            M[i, c] = (
+                bank[i, c]
+                + x_0 * bank[0, c] + x_1 * bank[1, c] + x_2 * bank[2, c]
+                + x_3 * bank[3, c] + x_4 * bank[4, c] + x_5 * bank[5, c]
+                + x_6 * bank[6, c] + x_7 * bank[7, c] + x_8 * bank[8, c]
+                + x_9 * bank[9, c] + x_10 * bank[10, c] + x_11 * bank[11, c]
+                + x_12 * bank[12, c] + x_13 * bank[13, c] + x_14 * bank[14, c]
+            )  # fmt: skip
     for i in range(NAV):
         for c in range(bank.shape[1]):
             bank[i, c] = M[i, c]
@@ -85,6 +94,13 @@ def advance_signatures(bank: Array, Phi: Array, step: float, dt: float, M: Array
         for c in range(bank.shape[1]):
             bank[MARKOV + k, c] *= markov
             bank[USBL + k, c] *= usbl
+
+
+@kernel
+def _part(Phi: Array, i: int, k: int, ratio: float) -> float:
+    """That part of an element of a step's change of the error, Phi - I."""
+    part: float = ratio * (Phi[i, k] - (1.0 if i == k else 0.0))
+    return part
 
 
 @kernel
@@ -115,6 +131,20 @@ def change_of_innovation(g: Array, bank: Array, H: Array, delay: float, m: int) 
     for a in range(m):
         for c in range(g.shape[1]):
             g[a, c] = -delay * bank[DV + a, c]
+    if m == 3:
+        for k in range(0, N, 3):  # a vector's three states at once
+            if _are_zero(H, k):
+                continue
+            x_0, x_1, x_2 = H[0, k], H[0, k + 1], H[0, k + 2]
+            y_0, y_1, y_2 = H[1, k], H[1, k + 1], H[1, k + 2]
+            z_0, z_1, z_2 = H[2, k], H[2, k + 1], H[2, k + 2]
+            for c in range(g.shape[1]):
+                b_0, b_1, b_2 = bank[k, c], bank[k + 1, c], bank[k + 2, c]
+                g[0, c] = g[0, c] + x_0 * b_0 + x_1 * b_1 + x_2 * b_2
+                g[1, c] = g[1, c] + y_0 * b_0 + y_1 * b_1 + y_2 * b_2
+                g[2, c] = g[2, c] + z_0 * b_0 + z_1 * b_1 + z_2 * b_2
+        return
+    for a in range(m):
         for k in range(N):
             h = H[a, k]
             if h != 0.0:
@@ -123,11 +153,40 @@ def change_of_innovation(g: Array, bank: Array, H: Array, delay: float, m: int) 
 
 
 @kernel
+def _are_zero(H: Array, k: int) -> bool:
+    """Whether three rows are zero in columns k to k + 2."""
+    for a in range(3):
+        for i in range(3):
+            if H[a, k + i] != 0.0:
+                return False
+    return True
+
+
+@kernel
 def change_of_residual(h: Array, g: Array, bank: Array, J: Array, L: Array, m: int) -> None:
     """Change of the whitened residual: h <- L^-1 (g - J d); J (3, COLUMNS) per sigma."""
     for a in range(m):
         for c in range(h.shape[1]):
             h[a, c] = g[a, c]
+    if m == 3:
+        for k in range(COLUMNS):
+            x_0, x_1, x_2 = J[0, k], J[1, k], J[2, k]
+            if x_0 != 0.0 or x_1 != 0.0 or x_2 != 0.0:
+                for c in range(h.shape[1]):
+                    d = bank[LEARNED + k, c]
+                    h[0, c] -= x_0 * d
+                    h[1, c] -= x_1 * d
+                    h[2, c] -= x_2 * d
+        l_10, l_20, l_21 = L[1, 0], L[2, 0], L[2, 1]
+        i_0, i_1, i_2 = 1.0 / L[0, 0], 1.0 / L[1, 1], 1.0 / L[2, 2]
+        for c in range(h.shape[1]):
+            h_0 = h[0, c] * i_0
+            h_1 = (h[1, c] - l_10 * h_0) * i_1
+            h[0, c] = h_0
+            h[1, c] = h_1
+            h[2, c] = (h[2, c] - l_20 * h_0 - l_21 * h_1) * i_2
+        return
+    for a in range(m):
         for k in range(COLUMNS):
             x = J[a, k]
             if x != 0.0:
@@ -212,6 +271,17 @@ def mean_change(mean: Array, X: Array, g: Array, number: int, m: int) -> None:
 @kernel
 def answer(bank: Array, first: int, K: Array, X: Array, g: Array, sign: float, m: int) -> None:
     """Rows from ``first`` on += sign K^T X g: what a gain K (m, rows) makes of a change g."""
+    if m == 3:
+        for i in range(K.shape[1]):
+            k_0, k_1, k_2 = K[0, i], K[1, i], K[2, i]
+            gain_0 = sign * (k_0 * X[0, 0] + k_1 * X[1, 0] + k_2 * X[2, 0])
+            gain_1 = sign * (k_0 * X[0, 1] + k_1 * X[1, 1] + k_2 * X[2, 1])
+            gain_2 = sign * (k_0 * X[0, 2] + k_1 * X[1, 2] + k_2 * X[2, 2])
+            if gain_0 != 0.0 or gain_1 != 0.0 or gain_2 != 0.0:
+                row = bank[first + i]
+                for c in range(g.shape[1]):
+                    row[c] = row[c] + gain_0 * g[0, c] + gain_1 * g[1, c] + gain_2 * g[2, c]
+        return
     for b in range(m):
         for i in range(K.shape[1]):
             gain = 0.0
