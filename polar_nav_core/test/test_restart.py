@@ -14,6 +14,8 @@ from polar_nav_core.engine import away
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, DvlPing, Fix, ImuSample
 from polar_nav_core.engine.first_seconds import FirstSeconds
+from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.engine.ledger import Believed
 from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.restart import age_problem, saved_problem
 from polar_nav_core.engine.saved import SavedStateError, pack, unpack
@@ -101,6 +103,8 @@ def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
         (b'"fixes": [', b'"fixes": [-'),
         (b'"fixes": [', b'"fixes": [1' + b'0' * 30),
         (b'"stamp_ns": ', b'"stamp_ns": -Infinity, "was": '),
+        (b'"lost_heading": null', b'"lost_heading": [1]'),
+        (b'"lost_heading": null', b'"lost_heading": [-1, false]'),
         (b'"shapes": ', b'"shapes": ' + b'[' * 100_000),
     ],
 )
@@ -112,6 +116,35 @@ def test_a_right_checksum_of_odd_numbers_is_refused_with_a_sentence(saved, was, 
     data = struct.pack('<8sH32sQ', b'POLARNAV', 5, hashlib.sha256(body).digest(), len(body)) + body
     with pytest.raises(SavedStateError, match='makes no sense'):
         unpack(data)
+
+
+@pytest.mark.parametrize('measured', [False, True])
+def test_a_heading_that_nothing_has_measured_is_an_error_after_a_restart_too(
+    world, events, measured
+):
+    """Fixes have begun the navigation anew; of a DVL that was used before, nothing follows."""
+    before, after = cut(events)
+    engine = Engine(world.params(configuration='default'))
+    drive(engine, before)
+    now_ns = engine.fusion.stamp_ns
+    anew_ns = now_ns - 10**9 if measured else now_ns  # the newest ping came between
+    engine.ledger.believed(anew_ns, how=Believed.ANEW)
+    saved = unpack(pack(engine.saved()))
+    assert saved.lost_heading == (anew_ns, measured)
+    without = [e for e in after if not isinstance(e, DvlPing)]
+    again, _ = restarted(world.params(configuration='default'), saved, without)
+    found = {p.condition.key: p.condition for p in again.look().present}
+    if measured:
+        assert 'heading unknown' not in found
+        return
+    assert found['heading unknown'].level is Level.ERROR
+    since_s = (again.fusion.stamp_ns - anew_ns) * 1e-9
+    assert f'began anew {since_s:.0f} s ago: no DVL' in found['heading unknown'].sentence
+    shown, _ = restarted(world.params(configuration='default'), saved, after)
+    assert 'heading unknown' not in {p.condition.key for p in shown.look().present}
+    reset = dataclasses.replace(saved, lost_heading=None)  # and of an older file
+    older, _ = restarted(world.params(configuration='default'), reset, without)
+    assert 'heading unknown' not in {p.condition.key for p in older.look().present}
 
 
 @pytest.mark.parametrize(

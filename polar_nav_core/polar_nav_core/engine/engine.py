@@ -352,7 +352,7 @@ class Engine:
         self.ledger.start_anew()
         saved = self._beginning.state
         if isinstance(saved, SavedState):
-            self.ledger.restore(saved.fixes, saved.records, saved.since_start)
+            self.ledger.restore(saved.fixes, saved.records, saved.since_start, saved.doubt())
         self.adaptation = make_adaptation(self.params)
 
     def saved(self) -> SavedState | None:
@@ -362,7 +362,12 @@ class Engine:
         saved = self.fusion.saved(self.fix_counts(), self.ledger.packed())
         # Who reads it knows nothing of steps of the clock: it counts by the IMU's own.
         own_ns = self.clock.own_ns(saved.stamp_ns)
-        return replace(saved, stamp_ns=own_ns, since_start=self.ledger.fused_since_start)
+        return replace(
+            saved,
+            stamp_ns=own_ns,
+            since_start=self.ledger.fused_since_start,
+            lost_heading=self._monitor.heading_to_save(self.fusion),
+        )
 
     def state(self) -> InitialState | None:
         """State of base_link as it is now, as one to start from; None without a state."""

@@ -9,16 +9,16 @@ from .beginning import Beginning
 from .clock_record import ClockRecord
 from .driver import Driver
 from .health.conditions import Condition, Culprit, Health, Level
-from .health.heading import UNKNOWN, heading_lost, heading_unknown
+from .health.heading import UNKNOWN, LostHeading, heading_lost, heading_unknown
 from .health.station import StationWatchdog
-from .health.view import Envelope, View
-from .health.watchdog import DVL, Watchdog, refused_alone
+from .health.view import Envelope
+from .health.watchdog import Watchdog, refused_alone
 from .ledger import FixLedger
 from .params import EngineParams
 from .plausibility import LEAST_PING_VARIANCE
 from .restored import Restored
 from .sins.fusion import Fusion
-from .sins.view import view_of
+from .sins.view import heading_measured_ns, view_of
 from .station.fusion import StationFusion
 from .station.view import view_of as station_view_of
 from .switches import Switches
@@ -99,7 +99,7 @@ class HealthMonitor:
             found += self._pings_too_sure(stamp_ns, too_sure_ns)
             view = view_of(fusion, stamp_ns, resets)
             unknown = self._heading_unknown(fusion, beginning.stated_heading)
-            found += unknown or self._heading_lost(fusion, view)
+            found += unknown or self._heading_lost(fusion, view.stamp_ns)
             agreed = agreement.conditions
             if agreement.gated_run >= ALARMING:
                 agreed = [refused_alone(condition, view) for condition in agreed]
@@ -111,15 +111,20 @@ class HealthMonitor:
             return []
         return heading_unknown(at_start, _sigma_of(fusion), self._ledger.fused_since_start)
 
-    def _heading_lost(self, fusion: Fusion, view: View) -> list[Condition]:
+    def heading_to_save(self, fusion: Driver) -> tuple[int, bool] | None:
+        """`SavedState.lost_heading`, by the IMU's own clock."""
+        lost = self._ledger.lost_heading
+        if lost is None or not isinstance(fusion, Fusion):
+            return None
+        return self._clock.own_ns(lost.anew_ns), _is_measured(fusion, lost)
+
+    def _heading_lost(self, fusion: Fusion, stamp_ns: int) -> list[Condition]:
         """The condition that nothing has shown the heading since the navigation began anew."""
-        anew_ns = self._ledger.began_anew_ns
-        if anew_ns is None:
+        lost = self._ledger.lost_heading
+        if lost is None:
             return []
-        headings_ns = 0 if view.compass is None else view.compass.used_ns
-        measured = max(int(view.used_ns[DVL]), headings_ns) > anew_ns
-        since_s = (view.stamp_ns - anew_ns) * 1e-9
-        return heading_lost(_sigma_of(fusion), since_s, measured=measured)
+        since_s = (stamp_ns - lost.anew_ns) * 1e-9
+        return heading_lost(_sigma_of(fusion), since_s, measured=_is_measured(fusion, lost))
 
     def _pings_too_sure(self, stamp_ns: int, too_sure_ns: int | None) -> list[Condition]:
         """The condition that pings stated less noise than pings have, in the minute before."""
@@ -132,6 +137,11 @@ class HealthMonitor:
             f'{1e3 * used:.3g} mm/s are used'
         )
         return [Condition('dvl too sure', Level.WARN, Culprit.DVL, sentence)]
+
+
+def _is_measured(fusion: Fusion, lost: LostHeading) -> bool:
+    """Whether something has measured a heading since it was lost."""
+    return heading_measured_ns(fusion.filter) > lost.shown_after_ns
 
 
 def _sigma_of(fusion: Fusion) -> float:

@@ -12,6 +12,7 @@ from .disagreement import RefusedRow
 from .events import Fix
 from .fix_record import FixRecord
 from .health.conditions import Condition, Culprit, Level
+from .health.heading import LostHeading
 from .integrity import IntegrityMonitor
 from .level import levelled
 from .outputs import Receipt
@@ -97,12 +98,14 @@ class FixLedger:
         self.refused_row = RefusedRow()
         self._clock = SenderClock()
         self._replaced: tuple[int, Believed] | None = None
+        self.lost_heading: LostHeading | None = None
+        """Heading with which all but the biases was last replaced, if no heading was since."""
 
     def start_anew(self) -> None:
         """Reset the agreement of fixes with the estimate, after a reset of the filter."""
         self.integrity = IntegrityMonitor(self._params.max_gated_s, self._params.max_delay_s)
         self.refused_row.clear()
-        self._replaced = None
+        self._replaced = self.lost_heading = None
         self._fused_before = self._fused[_FIX]
 
     def believed(
@@ -116,13 +119,8 @@ class FixLedger:
         self.refused_row.clear()
         if how is not None:
             self._replaced = stamp_ns, how
-
-    @property
-    def began_anew_ns(self) -> int | None:
-        """When all but the biases was last replaced, if no heading was since [ns]."""
-        if self._replaced is None or self._replaced[1] is not Believed.ANEW:
-            return None
-        return self._replaced[0]
+            anew = how is Believed.ANEW
+            self.lost_heading = LostHeading(stamp_ns, stamp_ns) if anew else None
 
     def packed(self) -> tuple[bytes, bytes]:
         """Fused and refused fixes as bytes, for `restore`."""
@@ -133,8 +131,9 @@ class FixLedger:
         fixes: tuple[int, int, int],
         records: tuple[bytes, bytes],
         since_start: int | None = None,
+        lost_heading: LostHeading | None = None,
     ) -> None:
-        """Replace counts and fixes by those of an earlier ledger.
+        """Replace counts and fixes by those of an earlier ledger, and its doubt of the heading.
 
         ``since_start`` of the fused ones came after its start or reset; None: all.
 
@@ -147,6 +146,7 @@ class FixLedger:
         fused.unpack(records[0])
         refused.unpack(records[1])
         self._of_fused, self._of_refused = fused, refused
+        self.lost_heading = lost_heading
         self._revisions.clear()
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
         self._fused_before = 0 if since_start is None else max(0, fixes[1] - since_start)

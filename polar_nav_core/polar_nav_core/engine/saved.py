@@ -22,6 +22,7 @@ from ..arrays import Array
 from ..errors import PolarNavError
 from .away import Seen
 from .events import InitialState
+from .health.heading import LostHeading
 
 _MAGIC: Final = b'POLARNAV'
 VERSION: Final = 5
@@ -74,6 +75,9 @@ class SavedState(InitialState):
         Name of the vehicle that it is of; empty where nobody said so, as in older files.
     since_start : int or None
         Fixes fused since the navigation was started or reset; None in older files: all of them.
+    lost_heading : (int, bool) or None
+        When the navigation began anew with a heading [ns], and whether one was measured since;
+        None where it did not, and in older files.
     seen : Seen or None
         What its new owner saw of the vehicle before it goes on from it; not part of the bytes.
     """
@@ -86,7 +90,16 @@ class SavedState(InitialState):
     version: int = VERSION
     vehicle: str = ''
     since_start: int | None = None
+    lost_heading: tuple[int, bool] | None = None
     seen: Seen | None = None
+
+    def doubt(self) -> LostHeading | None:
+        """What a navigation that goes on from it has to doubt of its heading."""
+        if self.lost_heading is None:
+            return None
+        anew_ns, measured = self.lost_heading
+        # Of a DVL that was used before, the restored filter knows no more than that.
+        return LostHeading(anew_ns, -1 if measured else self.stamp_ns)
 
     def away_s(self, stamp_ns: int) -> float:
         """Time from the saved state to a stamp [s], at least 0."""
@@ -102,6 +115,7 @@ def pack(saved: SavedState) -> bytes:
         'layout': saved.layout,
         'vehicle': saved.vehicle,
         'since_start': saved.since_start,
+        'lost_heading': saved.lost_heading,
         'fixes': saved.fixes,
         'shapes': {name: list(value.shape) for name, value in saved.values.items()},
         'records': [len(record) for record in saved.records],
@@ -163,7 +177,7 @@ def _read(body: bytes, version: int) -> SavedState:
         raise ValueError(f'{len(body) - at} bytes are left over')
     fused, refused = records
     received, used, newest_ns = (_count(n) for n in header['fixes'])
-    since_start = header.get('since_start')
+    since_start, lost = header.get('since_start'), header.get('lost_heading')
     plain: dict[str, Any] = dict(header['initial'])
     v_x, v_y, v_z = map(float, plain.pop('v_G'))
     numbers: dict[str, Any] = {name: float(value) for name, value in plain.items()}
@@ -178,7 +192,12 @@ def _read(body: bytes, version: int) -> SavedState:
         version=version,
         vehicle=str(header.get('vehicle', '')),
         since_start=None if since_start is None else _count(since_start),
+        lost_heading=None if lost is None else _lost(*lost),
     )
+
+
+def _lost(anew_ns: Any, measured: Any) -> tuple[int, bool]:  # noqa: ANN401 - of a file
+    return _count(anew_ns), bool(measured)
 
 
 def _count(value: Any) -> int:  # noqa: ANN401 - of a file

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from .conditions import Condition, Culprit, Level
 
@@ -11,6 +12,21 @@ UNKNOWN = math.radians(45.0)
 _KNOWN = math.radians(10.0)
 _FEWEST = 10
 """Fixes used before a small sigma is believed."""
+
+
+class LostHeading(NamedTuple):
+    """A heading with which a navigation began anew.
+
+    Attributes
+    ----------
+    anew_ns : int
+        When [ns].
+    shown_after_ns : int
+        A DVL, an AHRS or a compass that was used after this has measured it [ns].
+    """
+
+    anew_ns: int
+    shown_after_ns: int
 
 
 def heading_unknown(at_start: float, now: float, fused: int) -> list[Condition]:

@@ -72,6 +72,14 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
     )
 
 
+def heading_measured_ns(f: NavigationFilter) -> int:
+    """When a DVL, an AHRS or a compass was used last [ns]; 0 for never."""
+    used_ns = int(f.state.counters[fs.USED_NS + fs.DVL_ROW])
+    if f.settings.heading.on:
+        used_ns = max(used_ns, int(f.state.counters[fs.HEADING_USED_NS]))
+    return used_ns
+
+
 def _compass_of(f: NavigationFilter) -> Compass | None:
     """Measured headings as the watchdog judges them; None where they are not used."""
     s, c = f.state, f.settings.heading
