@@ -15,6 +15,7 @@ import distributed
 import psutil
 import pyarrow.parquet as pq
 import pytest
+from distributed.client import FutureCancelledError
 from task_samples import Sum, tasks_of, walk
 
 from polar_nav_core.errors import ConfigError, PolarNavError
@@ -153,6 +154,19 @@ def test_a_result_that_takes_its_time_is_asked_for_again(
     monkeypatch.setattr(distributed.Future, 'result', late_at_first)
     assert by(client, tmp_path / 'rows', tasks_of(JOBS)).equals(undisturbed)
     assert len(asked) == len(JOBS)
+
+
+def test_a_result_that_is_cancelled_as_it_is_asked_for_tells_of_the_scheduler(
+    client, tmp_path, monkeypatch
+):
+    """Dask cancels all results once the scheduler is gone, at any moment."""
+
+    def cancelled(future, **_):
+        raise FutureCancelledError(future.key, 'lost connection to the scheduler')
+
+    monkeypatch.setattr(distributed.Future, 'result', cancelled)
+    with pytest.raises(Unreachable, match='--resume'):
+        by(client, tmp_path / 'rows', tasks_of(JOBS))
 
 
 def test_a_killed_worker_loses_nothing(client, undisturbed, tmp_path):

@@ -15,6 +15,7 @@ import queue
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
 
 from polar_nav_core.engine.version import ENGINE_VERSION
@@ -181,7 +182,9 @@ class Distribution:
             return None
         except DifferentWorker:
             raise
-        except OSError as error:  # of the connection: those of the task are in its attempt
+        except (OSError, CancelledError) as error:
+            # Of the connection: those of the task are in its attempt. Dask cancels what it waits
+            # for once the scheduler is gone, this one since it was asked above perhaps.
             raise Unreachable(_GONE) from error
         except Exception as error:
             raise Unreachable(
