@@ -55,9 +55,12 @@ def test_covariances_with_the_common_errors():
     P = np.cov(rng.standard_normal((N, 100)))
     B = np.diag(sigma**2)
     total = P.copy()
-    co.add_common(total, S, sigma)
+    co.add_common(total, S, sigma, np.empty((co.COLUMNS, N)))
     np.testing.assert_allclose(total, P + S @ B @ S.T, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(total, total.T)
+    blocks, own = P.copy(), np.kron(np.eye(N // 3), np.ones((3, 3))) > 0.0
+    co.add_common_blocks(blocks, S, sigma)
+    np.testing.assert_array_equal(blocks, np.where(own, total, P))
     J, wide = rng.standard_normal((3, co.COLUMNS)), np.zeros((3, 3))
     co.widen(wide, np.eye(3), J, sigma, 3)
     np.testing.assert_allclose(wide, np.eye(3) + J @ B @ J.T, rtol=1e-12)

@@ -42,16 +42,48 @@ class Navigation:
         wide = np.zeros((3, 3))
         consider.widen(wide, S, J, SIGMA, m)
         e, V, L, w = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
-        shared.residual(e, V, self.shared, J, SIGMA, z, wide, m)
+        JE = np.zeros_like(J)
+        shared.residual(e, V, self.shared, J, SIGMA, z, wide, JE, m)
         nis = shared.whitened(L, V, e, w, m)
         watch.observe(self.memories[stream], e, V, nis, m, True, 2.0, 0.0, z, wide)
-        shared.learn(self.shared, J, L, w, np.zeros_like(J), 1.0, m)
+        shared.learn(self.shared, J, L, w, JE, 1.0, m)
         return nis / m
 
     def look(self):
         none = np.zeros(3, dtype=np.int64)
         now = (10**12, self.memories, none, none, 2.0, 100.0, np.eye(2), 0)
         return self.dog.look(View(*now, shared=self.shared), [])
+
+
+@pytest.mark.parametrize(('m', 'enlargement'), [(1, 1.0), (2, 3.0), (3, 1.0), (3, 4.0)])
+def test_residuals_are_those_of_a_filter_of_the_common_errors(m, enlargement):
+    """By plain matrices, of fixes whose rows have other errors than one another."""
+    n, rng = consider.COLUMNS, np.random.default_rng(7)
+    sigma, b, Pi = rng.uniform(0.01, 2.0, n), np.zeros(n), np.eye(n)
+    state = np.zeros((n + 1, n))
+    for k in range(40):
+        J = np.zeros((3, n))
+        J[:m] = rng.standard_normal((m, n)) * (rng.random((m, n)) < 0.3)
+        S, z = 0.05 * np.eye(3), rng.standard_normal(3)
+        wide, e, V, JE = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros((3, n))
+        consider.widen(wide, S, J, sigma, m)
+        per_sigma = J[:m] * sigma
+        exact = S[:m, :m] + per_sigma @ Pi @ per_sigma.T
+        shared.residual(e, V, state, J, sigma, z, wide, JE, m)
+        np.testing.assert_allclose(J[:m], per_sigma, rtol=1e-15)
+        np.testing.assert_allclose(V[:m, :m], exact, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(e[:m], z[:m] - per_sigma @ b, rtol=1e-9, atol=1e-11)
+        L, w = np.zeros((3, 3)), np.zeros(3)
+        assert shared.whitened(L, V, e, w, m) == pytest.approx(
+            e[:m] @ np.linalg.solve(exact, e[:m])
+        )
+        lam = enlargement if k % 3 == 0 else 1.0
+        K = np.linalg.solve(lam * exact, per_sigma @ Pi).T
+        b, Pi = b + K @ (z[:m] - per_sigma @ b), Pi - K @ (per_sigma @ Pi)
+        shared.learn(state, J, L, w, JE, lam, m)
+        np.testing.assert_allclose(state[0], b, rtol=1e-8, atol=1e-10)
+        np.testing.assert_allclose(state[1:], np.eye(n) - Pi, rtol=1e-8, atol=1e-10)
+        np.testing.assert_array_equal(state[1:], state[1:].T)
 
 
 def test_a_culprit_is_named_for_every_common_error():

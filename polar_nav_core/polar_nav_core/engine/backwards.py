@@ -87,7 +87,7 @@ def backwards(
     information = np.zeros((n, n))
     common = np.zeros((COLUMNS, COLUMNS + 1))
     low, wide = np.zeros((n, n)), np.zeros(1, dtype=np.int64)
-    scratch = np.zeros((6, n, n))
+    scratch, columns = np.zeros((6, n, n)), np.zeros((COLUMNS, N))
     model = aiding.make_aiding(params)
     total = tape.total
     pieces = spilled.LastFirst({}, total.steps // published + len(tape.parts))
@@ -134,7 +134,7 @@ def backwards(
         P, sensitivity = stretch.P, stretch.sensitivity
         if params.model_aiding:
             P, sensitivity = P[:, :N, :N].copy(), sensitivity[:, :N].copy()
-        kernels.publish_rows(P, sensitivity, stretch.navigation, tape.common, tape.hidden)
+        kernels.publish_rows(P, sensitivity, stretch.navigation, tape.common, columns, tape.hidden)
         turn = max(turn, float(np.abs(x[:, :3]).max(initial=0.0)))
         sigma = np.sqrt(np.einsum('nii->ni', P)[:, :NAV])
         moved = max(moved, float((np.abs(x[:, :NAV]) / sigma).max(initial=0.0)))

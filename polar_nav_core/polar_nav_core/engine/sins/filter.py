@@ -359,7 +359,7 @@ class NavigationFilter:
         """Covariance with common errors and the conflict with refused fixes, (24, 24); a copy."""
         P: Array = self.state.P.copy()
         if self.considers:
-            consider.add_common(P, self.state.sensitivity, self.settings.common)
+            consider.add_common(P, self.state.sensitivity, self.settings.common, self.work.LP)
         consider.add_conflict(P, self.state.conflict)
         if self.settings.shares_leader or self.settings.heading.on:
             P[X.usbl_bias_a], P[:, X.usbl_bias_a] = 0.0, 0.0

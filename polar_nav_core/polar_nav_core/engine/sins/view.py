@@ -31,6 +31,7 @@ def place_of(f: NavigationFilter) -> tuple[float, Array, Array]:
         f.settings.common,
         s.conflict,
         f.work.M,
+        f.work.LP,
         C_e_G,
         P_horizontal,
     )

@@ -45,8 +45,9 @@ def predict_sensitivity(S: Array, Phi: Array, M: Array) -> None:
     M : array of at least (9, COLUMNS)
         Scratch.
     """
+    n = S.shape[1]
     for i in range(NAV):  # one expression of COUPLED products
-        for c in range(COLUMNS):
+        for c in range(n):
             M[i, c] = (
                 Phi[i, 0] * S[0, c] + Phi[i, 1] * S[1, c] + Phi[i, 2] * S[2, c]
                 + Phi[i, 3] * S[3, c] + Phi[i, 4] * S[4, c] + Phi[i, 5] * S[5, c]
@@ -55,11 +56,12 @@ def predict_sensitivity(S: Array, Phi: Array, M: Array) -> None:
                 + Phi[i, 12] * S[12, c] + Phi[i, 13] * S[13, c] + Phi[i, 14] * S[14, c]
             )  # fmt: skip
     for i in range(NAV):
-        for c in range(COLUMNS):
+        for c in range(n):
             S[i, c] = M[i, c]
     for i in range(MARKOV, N):
-        for c in range(COLUMNS):
-            S[i, c] *= Phi[i, i]
+        d = Phi[i, i]
+        for c in range(n):
+            S[i, c] *= d
 
 
 @kernel
@@ -69,7 +71,7 @@ def innovation_sensitivity(J: Array, H: Array, S: Array, m: int) -> None:
         for a in range(m):
             h = H[a, k]
             if h != 0.0:
-                for c in range(COLUMNS):
+                for c in range(S.shape[1]):
                     J[a, c] += h * S[k, c]
 
 
@@ -88,6 +90,22 @@ def late_sensitivity(J: Array, S: Array, delay: float) -> None:
 @kernel
 def widen(wide: Array, S_zz: Array, J: Array, sigma: Array, m: int) -> None:
     """Innovation covariance with the common errors: wide = S_zz + J B J^T, first m rows."""
+    if m == 3:  # six sums side by side
+        s_00, s_11, s_22 = S_zz[0, 0], S_zz[1, 1], S_zz[2, 2]
+        s_10, s_20, s_21 = S_zz[1, 0], S_zz[2, 0], S_zz[2, 1]
+        for c in range(COLUMNS):
+            x, y, z = J[0, c] * sigma[c], J[1, c] * sigma[c], J[2, c] * sigma[c]
+            s_00 += x * x
+            s_10 += y * x
+            s_11 += y * y
+            s_20 += z * x
+            s_21 += z * y
+            s_22 += z * z
+        wide[0, 0], wide[1, 1], wide[2, 2] = s_00, s_11, s_22
+        wide[0, 1] = wide[1, 0] = s_10
+        wide[0, 2] = wide[2, 0] = s_20
+        wide[1, 2] = wide[2, 1] = s_21
+        return
     for a in range(m):
         for b in range(a + 1):
             s = S_zz[a, b]
@@ -104,30 +122,63 @@ def update_sensitivity(S: Array, K: Array, J: Array, m: int) -> None:
     if m == 3:
         for i in range(N):
             k_0, k_1, k_2 = K[0, i], K[1, i], K[2, i]
-            for c in range(COLUMNS):
+            for c in range(S.shape[1]):
                 S[i, c] = S[i, c] - k_0 * J[0, c] - k_1 * J[1, c] - k_2 * J[2, c]
         return
     for a in range(m):
         for i in range(N):
             gain = K[a, i]
-            for c in range(COLUMNS):
+            for c in range(S.shape[1]):
                 S[i, c] -= gain * J[a, c]
 
 
 @entry
 @kernel
-def add_common(P: Array, S: Array, sigma: Array) -> None:
-    """P <- P + S B S^T: covariance with the common errors, (24, 24) in place."""
+def add_common(P: Array, S: Array, sigma: Array, T: Array) -> None:
+    """P <- P + S B S^T: covariance with the common errors, (24, 24) in place.
+
+    T, (COLUMNS, 24) or more, is scratch: B^(1/2) S^T, whose rows stand along memory.
+    """
+    n = P.shape[0]
     for c in range(COLUMNS):
-        variance = sigma[c] * sigma[c]
-        if variance > 0.0:
-            for i in range(N):
-                x = variance * S[i, c]
-                for j in range(i + 1):
-                    P[i, j] += x * S[j, c]
+        for i in range(N):
+            T[c, i] = sigma[c] * S[i, c]
+    for i in range(N):  # one expression of COLUMNS products; below the diagonal it counts
+        x_0, x_1, x_2, x_3 = T[0, i], T[1, i], T[2, i], T[3, i]
+        x_4, x_5, x_6, x_7 = T[4, i], T[5, i], T[6, i], T[7, i]
+        x_8, x_9, x_10, x_11 = T[8, i], T[9, i], T[10, i], T[11, i]
+        x_12, x_13, x_14, x_15 = T[12, i], T[13, i], T[14, i], T[15, i]
+        for j in range(n):
+            P[i, j] = (
+                P[i, j]
+                + x_0 * T[0, j] + x_1 * T[1, j] + x_2 * T[2, j] + x_3 * T[3, j]
+                + x_4 * T[4, j] + x_5 * T[5, j] + x_6 * T[6, j] + x_7 * T[7, j]
+                + x_8 * T[8, j] + x_9 * T[9, j] + x_10 * T[10, j] + x_11 * T[11, j]
+                + x_12 * T[12, j] + x_13 * T[13, j] + x_14 * T[14, j] + x_15 * T[15, j]
+            )  # fmt: skip
     for i in range(N):
         for j in range(i):
             P[j, i] = P[i, j]
+
+
+@kernel
+def add_common_blocks(P: Array, S: Array, sigma: Array) -> None:
+    """`add_common` in the blocks of three on the diagonal alone, to the same bits."""
+    for i in range(0, N, 3):
+        s_00, s_11, s_22 = P[i, i], P[i + 1, i + 1], P[i + 2, i + 2]
+        s_10, s_20, s_21 = P[i + 1, i], P[i + 2, i], P[i + 2, i + 1]
+        for c in range(COLUMNS):
+            x, y, z = sigma[c] * S[i, c], sigma[c] * S[i + 1, c], sigma[c] * S[i + 2, c]
+            s_00 += x * x
+            s_10 += y * x
+            s_11 += y * y
+            s_20 += z * x
+            s_21 += z * y
+            s_22 += z * z
+        P[i, i], P[i + 1, i + 1], P[i + 2, i + 2] = s_00, s_11, s_22
+        P[i, i + 1] = P[i + 1, i] = s_10
+        P[i, i + 2] = P[i + 2, i] = s_20
+        P[i + 1, i + 2] = P[i + 2, i + 1] = s_21
 
 
 @entry

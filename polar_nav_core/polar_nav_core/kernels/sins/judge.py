@@ -14,7 +14,7 @@ from ..cache import entry, kernel
 from ..watch import observe
 from . import state as fs
 from .bend import add_bend_of_ping
-from .consider import COLUMNS, innovation_sensitivity, widen
+from .consider import innovation_sensitivity, widen
 from .reopen import FEWEST, agrees
 from .settings import Settings
 from .shared import forget, learn, residual, whitened
@@ -62,7 +62,7 @@ def judge(s: State, c: Settings, w: Work, R: Array, m: int) -> bool:
         return False
     if s.counters[fs.CONSIDERS] == 1:
         for a in range(m):
-            for k in range(COLUMNS):
+            for k in range(w.J.shape[1]):
                 w.moved[a, k] = w.J[a, k]
         innovation_sensitivity(w.moved, w.H, s.sensitivity, m)
         return judge_wide(c, w, w.z, m)
@@ -108,9 +108,9 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
             forget(s.shared, dt)
         s.counters[fs.SHARED_NS] = s.counters[fs.STAMP]
         for a in range(m):
-            for k in range(COLUMNS):
+            for k in range(w.moved.shape[1]):
                 w.per_sigma[a, k] = w.moved[a, k]
-        residual(w.residual, w.narrow, s.shared, w.per_sigma, c.common, z, w.wide, m)
+        residual(w.residual, w.narrow, s.shared, w.per_sigma, c.common, z, w.wide, w.learned, m)
         nis = whitened(w.narrow_L, w.narrow, w.residual, w.w, m)
         if nis >= 0.0:
             observe(memories, w.residual, w.narrow, nis, dof, fused, v_x, v_y, z, w.wide)

@@ -20,6 +20,7 @@ def look(
     common: Array,
     conflict: Array,
     total: Array,
+    columns: Array,
     C_e_G: Array,
     P_horizontal: Array,
 ) -> float:
@@ -33,7 +34,7 @@ def look(
         State.counters[CONSIDERS].
     common : (COLUMNS,) array
         Of the Settings.
-    total : (24, 24) scratch
+    total, columns : (24, 24), (COLUMNS, 24) or more, scratch
     C_e_G : (3, 3) array, out
         ECEF to grid.
     P_horizontal : (2, 2) array, out
@@ -45,7 +46,7 @@ def look(
         for j in range(P.shape[1]):
             total[i, j] = P[i, j]
     if considers == 1:
-        add_common(total, sensitivity, common)
+        add_common(total, sensitivity, common, columns)
     add_conflict(total, conflict)
     for a in range(2):
         for b in range(2):

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...arrays import Array
 from .columns import WIDTH
+from .consider import COLUMNS
 from .state import MODEL, NAVIGATION, NEVER_NS
 from .update import Ints, N
 
@@ -23,6 +24,7 @@ class Rows(NamedTuple):
     tally: Array
     scratch: Array
     total: Array  # (24, 24): covariance with the common errors
+    columns: Array  # (COLUMNS, 24) scratch
 
 
 def make_rows(capacity: int, *, model: bool = False, derived: bool = False) -> Rows:
@@ -39,6 +41,7 @@ def make_rows(capacity: int, *, model: bool = False, derived: bool = False) -> R
         np.zeros((capacity, 3, 3)),
         np.zeros((2, 3, 3)),
         np.zeros((N, N)),
+        np.zeros((COLUMNS, N)),
     )
 
 

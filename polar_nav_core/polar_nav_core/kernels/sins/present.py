@@ -19,6 +19,7 @@ from ..frames.grid import fill_C_e_G
 from . import state as fs
 from .ahead import HAS_PREVIOUS, HELD, MARKS, NEXT, STAMP, advance_strapdown
 from .columns import QUATERNION, WIDTH, _quaternion
+from .consider import COLUMNS
 from .offset import Profile, offset_at
 from .settings import Settings
 from .state import State
@@ -89,6 +90,7 @@ class Scratch(NamedTuple):
     vectors: Array  # (4, 3)
     row: Array
     P: Array
+    columns: Array  # (COLUMNS, 24)
 
 
 def make_scratch() -> Scratch:
@@ -99,6 +101,7 @@ def make_scratch() -> Scratch:
         vectors=np.zeros((4, 3)),
         row=np.zeros(WIDTH),
         P=np.zeros((N, N)),
+        columns=np.zeros((COLUMNS, N)),
     )
 
 

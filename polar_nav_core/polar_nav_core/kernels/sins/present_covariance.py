@@ -73,7 +73,7 @@ def covariance_now(
         for j in range(N):
             P[i, j] = s.P[i, j]
     if s.counters[fs.CONSIDERS] == 1:
-        add_common(P, s.sensitivity, c.common)
+        add_common(P, s.sensitivity, c.common, w.columns)
     add_conflict(P, s.conflict)
     dt = (t.marks[STAMP] - s.counters[fs.STAMP]) * 1e-9
     f_G = w.vectors[0]

@@ -17,7 +17,7 @@ from .aiding import (
 )
 from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
-from .consider import add_common, add_conflict, fix_common
+from .consider import add_common, add_common_blocks, add_conflict, fix_common
 from .events import hold_to_ping, imu_event, note_outcome
 from .fill import add_held_to_ping
 from .fuse import correct_and_remember, fuse_rows, locate
@@ -346,7 +346,10 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
         for b in range(s.P.shape[1]):
             total[a, b] = s.P[a, b]
     if s.counters[fs.CONSIDERS] == 1:
-        add_common(total, s.sensitivity, c.common)
+        if rows.P.shape[0] > 0:
+            add_common(total, s.sensitivity, c.common, rows.columns)
+        else:  # nothing else is described
+            add_common_blocks(total, s.sensitivity, c.common)
     add_conflict(total, s.conflict)
     if c.shares_leader or c.heading.on:
         leave_out_leader(total, rows.flat[k])

@@ -28,16 +28,25 @@ TAU_S = 86400.0
 def forget(shared: Array, dt: float) -> None:
     """Bring what is known of b on by dt [s]: b^ <- f b^, E <- f^2 E with f = exp(-dt / TAU_S)."""
     f = math.exp(-dt / TAU_S)
-    for c in range(COLUMNS):
+    square = f * f
+    for c in range(shared.shape[1]):
         shared[0, c] *= f
-    for d in range(1, COLUMNS + 1):
-        for c in range(COLUMNS):
-            shared[d, c] *= f * f
+    for d in range(1, shared.shape[0]):
+        for c in range(shared.shape[1]):
+            shared[d, c] *= square
 
 
 @kernel
 def residual(
-    e: Array, V: Array, shared: Array, J: Array, sigma: Array, z: Array, wide: Array, m: int
+    e: Array,
+    V: Array,
+    shared: Array,
+    J: Array,
+    sigma: Array,
+    z: Array,
+    wide: Array,
+    M: Array,
+    m: int,
 ) -> None:
     """Residual e = z - J b^ of an innovation, and its covariance V = wide - J E J^T, m rows.
 
@@ -51,28 +60,31 @@ def residual(
         Stated ones.
     z, wide : (3,), (3, 3)
         Innovation, and its covariance with the common errors, S + J J^T per sigma.
+    M : (3, COLUMNS) out
+        J E.
     m : int
     """
+    n = shared.shape[1]
     for a in range(m):
-        e[a] = z[a]
-        for c in range(COLUMNS):
+        for c in range(n):
             J[a, c] *= sigma[c]
-            e[a] -= J[a, c] * shared[0, c]
+            M[a, c] = 0.0
+        for d in range(n):
+            x = J[a, d]
+            if x != 0.0:
+                for c in range(n):
+                    M[a, c] += x * shared[1 + d, c]
     for a in range(m):
-        for b in range(m):
-            V[a, b] = wide[a, b]
-    for a in range(m):
-        for c in range(COLUMNS):
-            if J[a, c] != 0.0:
-                t = 0.0
-                for d in range(COLUMNS):
-                    t += shared[1 + c, d] * J[a, d]
-                # Rows b up to a: V is symmetric.
-                for b in range(a + 1):
-                    V[a, b] -= J[b, c] * t
-    for a in range(m):
-        for b in range(a):
-            V[b, a] = V[a, b]
+        s = z[a]
+        for c in range(n):
+            s -= J[a, c] * shared[0, c]
+        e[a] = s
+        for b in range(a + 1):
+            s = wide[a, b]
+            for c in range(n):
+                s -= M[a, c] * J[b, c]
+            V[a, b] = s
+            V[b, a] = s
 
 
 @kernel
@@ -88,26 +100,39 @@ def learn(
         Per sigma, as `residual` leaves it.
     L, w : (3, 3), (3,)
         Factor of V, and the residual whitened by it.
-    M : (3, COLUMNS) scratch
+    M : (3, COLUMNS) array, in place
+        J E, as `residual` leaves it; scratch.
     enlargement : float
         lambda >= 1 by which a fix far off weighs less.
     m : int
     """
+    n = shared.shape[1]
+    root = math.sqrt(enlargement)
+    for a in range(m):
+        for c in range(n):
+            M[a, c] = J[a, c] - M[a, c]
+        for b in range(a):
+            x = L[a, b] * root  # rows before are divided by it
+            for c in range(n):
+                M[a, c] -= x * M[b, c]
+        x = 1.0 / (L[a, a] * root)
+        for c in range(n):
+            M[a, c] *= x
+    for a in range(m):
+        x = w[a] / root
+        for c in range(n):
+            shared[0, c] += M[a, c] * x
+    if m == 3:
+        for c in range(COLUMNS):
+            x, y, z = M[0, c], M[1, c], M[2, c]
+            for d in range(n):
+                shared[1 + c, d] = shared[1 + c, d] + x * M[0, d] + y * M[1, d] + z * M[2, d]
+        return
     for a in range(m):
         for c in range(COLUMNS):
-            t = J[a, c]
-            for d in range(COLUMNS):
-                t -= J[a, d] * shared[1 + d, c]
-            M[a, c] = t
-        for c in range(COLUMNS):
-            for b in range(a):
-                M[a, c] -= L[a, b] * M[b, c]
-            M[a, c] /= L[a, a]
-    for a in range(m):
-        for c in range(COLUMNS):
-            shared[0, c] += M[a, c] * w[a] / enlargement
-            for d in range(COLUMNS):
-                shared[1 + c, d] += M[a, c] * M[a, d] / enlargement
+            x = M[a, c]
+            for d in range(n):
+                shared[1 + c, d] += x * M[a, d]
 
 
 @kernel

@@ -170,7 +170,7 @@ def correct_row(row: Array, x: Array, C: Array) -> None:
 @entry
 @routine
 def publish_rows(
-    P: Array, sensitivity: Array, navigation: Array, sigma: Array, hidden: bool
+    P: Array, sensitivity: Array, navigation: Array, sigma: Array, columns: Array, hidden: bool
 ) -> None:
     """Add the common errors to the covariances of rows; clear what is not published in them.
 
@@ -180,11 +180,12 @@ def publish_rows(
         In place, read, in place.
     sigma : (COLUMNS,) array
         Of the common errors.
+    columns : (COLUMNS, 24) scratch
     hidden : bool
         Whether the last three states are not published: errors of a leader, or of headings.
     """
     for k in range(P.shape[0]):
-        add_common(P[k], sensitivity[k], sigma)
+        add_common(P[k], sensitivity[k], sigma, columns)
         if hidden:
             leave_out_leader(P[k], navigation[k])
 
