@@ -24,7 +24,7 @@ from .rounds import Entry, Timing, interleave
 
 DISTRIBUTIONS = ('numpy', 'numba')
 MOST_S_PER_12_H = 5.0
-_USUAL = 'with the common errors that `default` states'
+_USUAL = 'with common errors stated'
 _LOOKS_S = {'filter': 0.0, _USUAL: 0.0, 'with a look each second': 1.0}
 
 
