@@ -12,7 +12,7 @@ from polar_nav_core.kernels.evidence import pair_statistic, slot_to_begin
 from polar_nav_core.kernels.sins import consider, signatures
 from polar_nav_core.kernels.sins import hypotheses as hy
 from polar_nav_core.kernels.sins import state as fs
-from polar_nav_core.kernels.sins.update import DR, DV, MARKOV, USBL, N
+from polar_nav_core.kernels.sins.update import COUPLED, DR, DV, MARKOV, USBL, N
 from polar_nav_core.kernels.sins.work import make_work
 
 S = 1_000_000_000
@@ -166,8 +166,8 @@ class Twin:
         dt = (now_ns - c[fs.BANK_NS]) * 1e-9
         if dt >= 0.1:
             Phi = self.past.transitions[c[fs.STEPS] % len(self.past.transitions)]
-            rate = (Phi - np.eye(N))[: hy.NAV, : hy.COUPLED] / 0.1
-            self.bank[: hy.NAV] += dt * rate @ self.bank[: hy.COUPLED]
+            rate = (Phi - np.eye(N))[: hy.NAV, :COUPLED] / 0.1
+            self.bank[: hy.NAV] += dt * rate @ self.bank[:COUPLED]
             self.bank[MARKOV : MARKOV + 3] *= Phi[MARKOV, MARKOV] ** (dt / 0.1)
             self.bank[USBL : USBL + 3] *= Phi[USBL, USBL] ** (dt / 0.1)
             for slot in np.flatnonzero(c[fs.BORN_NS : fs.BORN_NS + hy.SLOTS]):

@@ -69,15 +69,17 @@ def refused_share(track):
 
 @pytest.mark.parametrize('times', [10.0, 100.0])
 def test_an_imu_far_noisier_than_stated_does_not_run_away(world, times):
-    inputs = noisy(world, times, seed=1)
-    shut = run(world, inputs, max_imu_noise_factor=1.0)
-    shut_speed, *_ = errors(world, shut.track)
-    assert shut_speed.max() > 0.1 * times
-    assert refused_share(shut.track) > 0.4
+    several = [noisy(world, times, seed) for seed in range(1, 7)]
+    shut = [run(world, inputs, max_imu_noise_factor=1.0) for inputs in several]
+    ready = [run(world, inputs) for inputs in several]
+    # How one of them runs away depends on the last digit, and so on the processor.
+    shares = [np.mean([refused_share(r.track) for r in runs]) for runs in (shut, ready)]
+    assert shares[0] > 2.0 * shares[1]
+    assert np.mean([errors(world, r.track)[0].max() for r in shut]) > 0.1 * times
+    inputs, found = several[0], ready[0]
     # The same with a heading that pings seem to show: most of them are refused.
     known = run(world, inputs, max_imu_noise_factor=1.0, dvl_turn_velocity='known')
     assert refused_share(known.track) > 0.5
-    found = run(world, inputs)
     assert refused_share(found.track) < 0.25
     speed, *_ = errors(world, found.track)
     assert speed.max() < 0.1 * times
