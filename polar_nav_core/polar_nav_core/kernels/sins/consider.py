@@ -88,19 +88,37 @@ def late_sensitivity(J: Array, S: Array, delay: float) -> None:
 
 
 @kernel
+def _add_three(
+    S: Array,
+    i: int,
+    sigma: Array,
+    s_00: float,
+    s_10: float,
+    s_11: float,
+    s_20: float,
+    s_21: float,
+    s_22: float,
+) -> tuple[float, float, float, float, float, float]:
+    """Lower half of a block (3, 3) plus S B S^T of rows i to i + 2: six sums side by side."""
+    for c in range(COLUMNS):
+        x, y, z = S[i, c] * sigma[c], S[i + 1, c] * sigma[c], S[i + 2, c] * sigma[c]
+        s_00 += x * x
+        s_10 += y * x
+        s_11 += y * y
+        s_20 += z * x
+        s_21 += z * y
+        s_22 += z * z
+    return s_00, s_10, s_11, s_20, s_21, s_22
+
+
+@kernel
 def widen(wide: Array, S_zz: Array, J: Array, sigma: Array, m: int) -> None:
     """Innovation covariance with the common errors: wide = S_zz + J B J^T, first m rows."""
-    if m == 3:  # six sums side by side
+    if m == 3:
         s_00, s_11, s_22 = S_zz[0, 0], S_zz[1, 1], S_zz[2, 2]
         s_10, s_20, s_21 = S_zz[1, 0], S_zz[2, 0], S_zz[2, 1]
-        for c in range(COLUMNS):
-            x, y, z = J[0, c] * sigma[c], J[1, c] * sigma[c], J[2, c] * sigma[c]
-            s_00 += x * x
-            s_10 += y * x
-            s_11 += y * y
-            s_20 += z * x
-            s_21 += z * y
-            s_22 += z * z
+        sums = _add_three(J, 0, sigma, s_00, s_10, s_11, s_20, s_21, s_22)
+        s_00, s_10, s_11, s_20, s_21, s_22 = sums
         wide[0, 0], wide[1, 1], wide[2, 2] = s_00, s_11, s_22
         wide[0, 1] = wide[1, 0] = s_10
         wide[0, 2] = wide[2, 0] = s_20
@@ -167,14 +185,8 @@ def add_common_blocks(P: Array, S: Array, sigma: Array) -> None:
     for i in range(0, N, 3):
         s_00, s_11, s_22 = P[i, i], P[i + 1, i + 1], P[i + 2, i + 2]
         s_10, s_20, s_21 = P[i + 1, i], P[i + 2, i], P[i + 2, i + 1]
-        for c in range(COLUMNS):
-            x, y, z = sigma[c] * S[i, c], sigma[c] * S[i + 1, c], sigma[c] * S[i + 2, c]
-            s_00 += x * x
-            s_10 += y * x
-            s_11 += y * y
-            s_20 += z * x
-            s_21 += z * y
-            s_22 += z * z
+        sums = _add_three(S, i, sigma, s_00, s_10, s_11, s_20, s_21, s_22)
+        s_00, s_10, s_11, s_20, s_21, s_22 = sums
         P[i, i], P[i + 1, i + 1], P[i + 2, i + 2] = s_00, s_11, s_22
         P[i, i + 1] = P[i + 1, i] = s_10
         P[i, i + 2] = P[i + 2, i] = s_20
