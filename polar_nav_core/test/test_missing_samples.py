@@ -17,7 +17,7 @@ from polar_nav_core.engine.health.watchdog import Watchdog
 from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.engine.sins.filter import NavigationFilter
 from polar_nav_core.error_model import X
-from polar_nav_core.kernels.sins import fill
+from polar_nav_core.kernels.sins import events, fill
 from polar_nav_core.kernels.sins import state as fs
 
 
@@ -209,3 +209,19 @@ def test_missing_samples_are_counted(world):
     names = [{p.condition.key for p in h.present} for h in found]
     assert 'IMU samples missing' not in names[2]
     assert 'IMU samples missing' in names[9]
+
+
+def test_the_noise_of_a_step_is_of_its_own_length(world):
+    """Steps are nearly always as long as the one before."""
+    params = world.params(dvl_markov_sigma=0.005, dvl_markov_tau=2.0, usbl_bias_sigma=0.01)
+    f = NavigationFilter(params, params.initial_state(), int(world.stamps[1]))
+    variances, taus = (f.settings.markov[0], f.settings.usbl[0]), (2.0, params.usbl_bias_tau)
+    q, decays = np.zeros(24), np.zeros(3)
+    assert min(variances) > 0.0
+    for dt in (0.1, 0.1, 0.03, 0.1, 0.5):
+        events._process_noise(q, f.state, f.settings, dt, decays)
+        for part, variance, tau in zip(
+            (X.dvl_markov_m, X.usbl_bias_a), variances, taus, strict=True
+        ):
+            expected = variance * -np.expm1(-2.0 * dt / tau)
+            np.testing.assert_allclose(q[part], expected, rtol=1e-12)

@@ -42,8 +42,9 @@ def left_over(sigma, ages, period_s, *, late):
     dt, rate = 0.01, 2.0 * np.pi / period_s
     t = np.arange(0.0, 10.0 * period_s, dt)
     a, mean, found = rate * np.cos(rate * (t - 0.5 * dt)), np.zeros(3), []
+    share = np.zeros(2)
     for k, x in enumerate(a):
-        swing.follow(mean, np.array([x, 0.0, 0.0]), sigma, dt, k == 0)
+        swing.follow(mean, np.array([x, 0.0, 0.0]), sigma, dt, k == 0, share)
         found.append(mean[0] if late else x)
     settled = t > period_s
     off = [
@@ -71,7 +72,17 @@ def test_the_age_is_that_which_leaves_least():
     assert best == pytest.approx(swing.USUAL_AGE, rel=0.01)
 
 
+def test_each_interval_counts_by_its_own_length():
+    mean, share, sigma = np.zeros(3), np.zeros(2), 0.05
+    swing.follow(mean, np.zeros(3), sigma, 0.01, True, share)
+    expected = 0.0
+    for dt in (0.01, 0.01, 0.03, 0.01, 0.2):
+        swing.follow(mean, np.array([1.0, 2.0, -1.0]), sigma, dt, False, share)
+        expected += (1.0 - np.exp(-dt / (swing.USUAL_AGE * sigma))) * (1.0 - expected)
+        np.testing.assert_allclose(mean, [expected, 2.0 * expected, -expected], rtol=1e-12)
+
+
 def test_the_first_sample_is_taken_whole():
     mean = np.zeros(3)
-    swing.follow(mean, np.array([1.0, -2.0, 3.0]), 0.05, 0.01, True)
+    swing.follow(mean, np.array([1.0, -2.0, 3.0]), 0.05, 0.01, True, np.zeros(2))
     np.testing.assert_array_equal(mean, [1.0, -2.0, 3.0])

@@ -71,14 +71,12 @@ class Collector(Generic[T]):
         Up to row ``until[k]`` it is fix k that is still to come.
         """
         received, fused, newest_ns = engine.fix_counts()
-        for number, (row, validity_ns) in enumerate(
-            zip(until.tolist(), validities_ns, strict=True)
-        ):
-            if row > self._noted:
-                counts = received + number, fused + number, newest_ns
-                self._fixes[self._noted : row] = counts
-                self._noted = row
-            newest_ns = max(newest_ns, validity_ns)
+        begin, end = self._noted, max(self._noted, int(until[-1]))
+        before = np.searchsorted(until, np.arange(begin, end), side='right')  # fixes, by row
+        rows = self._fixes[begin:end]
+        rows[:, 0], rows[:, 1] = received + before, fused + before
+        rows[:, 2] = np.maximum.accumulate([newest_ns, *validities_ns])[before]
+        self._noted = end
 
     def drain(self) -> None:
         """Pass all waiting rows to the sink."""

@@ -25,10 +25,12 @@ from .station.filter import StationFilter
 from .track import StationTrack, Track, copied
 
 _ROWS = 256
-_ROWS_DERIVED = 1024
-"""Rows at a time, with covariances and with what is derived from them: so that they stay in the
-second cache. Where a run keeps whole covariances there is room for all: they are not copied."""
+_ROWS_SLIM = 1024
+"""Rows at a time, with covariances, and with part of them or what is derived: so that they stay in
+the second cache. Where a run keeps whole covariances there is room for all, without a copy."""
 _ROWS_STATION = 512
+_NAVIGATION = X.dr_e.stop
+"""States of attitude, velocity and position: the least of which rows have the covariance."""
 
 T_co = TypeVar('T_co', bound=Track | StationTrack, covariant=True)
 
@@ -73,8 +75,9 @@ class SinsPieces:
         self._derived, self._room, self._states = derived, room, states
         self._noise = params.gyro_noise_density
         self._moved: tuple[Array, Rates] | None = None
-        room = room or (_ROWS_DERIVED if derived else _ROWS)
-        self.rows = make_rows(room, model=self._model.on, derived=derived)
+        kept = max(states, _NAVIGATION)
+        room = room or (_ROWS_SLIM if derived or kept == _NAVIGATION else _ROWS)
+        self.rows = make_rows(room, model=self._model.on, derived=derived, states=kept)
 
     def moved_by(self, lever_b: Array, rates: Rates) -> None:
         """Have rows of the IMU's point moved to base_link; ``lever_b`` is from there to it."""

@@ -130,19 +130,9 @@ def _put(q: Samples, row: int, stamp_ns: int, omega_ib_b: Array) -> None:
         q.rates[row, k] = omega_ib_b[k]
 
 
-@entry
-@routine
-def judge(q: Samples, stamp_ns: int, omega_ib_b: Array, f_b: Array) -> int:
-    """Return what those before say of the next sample; the number with it goes into ``q``.
-
-    Parameters
-    ----------
-    q : Samples
-        In place.
-    stamp_ns : int
-    omega_ib_b, f_b : (3,) arrays
-        Of a sample that can be used by all other rules [rad/s], [m/s^2].
-    """
+@kernel
+def _judge(q: Samples, stamp_ns: int, omega_ib_b: Array, f_b: Array) -> int:
+    """`judge` where it is inlined: a call copies all arrays of ``q``."""
     gyros, accelerometers = 0, 0
     same = q.counters[SEEN] == 1
     if same:
@@ -182,6 +172,23 @@ def judge(q: Samples, stamp_ns: int, omega_ib_b: Array, f_b: Array) -> int:
 
 @entry
 @routine
+def judge(q: Samples, stamp_ns: int, omega_ib_b: Array, f_b: Array) -> int:
+    """Return what those before say of the next sample; the number with it goes into ``q``.
+
+    Parameters
+    ----------
+    q : Samples
+        In place.
+    stamp_ns : int
+    omega_ib_b, f_b : (3,) arrays
+        Of a sample that can be used by all other rules [rad/s], [m/s^2].
+    """
+    code: int = _judge(q, stamp_ns, omega_ib_b, f_b)
+    return code
+
+
+@entry
+@routine
 def judge_many(
     q: Samples,
     stamps_ns: Ints,
@@ -214,5 +221,5 @@ def judge_many(
             continue
         if q.counters[HAS_USED] == 1 and stamps_ns[k] == q.stamps[USED]:
             continue
-        codes[k] = judge(q, stamps_ns[k], omega_ib_b[k], f_b[k])
+        codes[k] = _judge(q, stamps_ns[k], omega_ib_b[k], f_b[k])
         numbers[k] = q.number[0]

@@ -153,15 +153,16 @@ def update_sensitivity(S: Array, K: Array, J: Array, m: int) -> None:
 @entry
 @kernel
 def add_common(P: Array, S: Array, sigma: Array, T: Array) -> None:
-    """P <- P + S B S^T: covariance with the common errors, (24, 24) in place.
+    """P <- P + S B S^T: covariance with the common errors, (n, n) in place.
 
-    T, (COLUMNS, 24) or more, is scratch: B^(1/2) S^T, whose rows stand along memory.
+    Of all states, or of the leading ones. T, (COLUMNS, n) or more, is scratch: B^(1/2) S^T, whose
+    rows stand along memory.
     """
     n = P.shape[0]
     for c in range(COLUMNS):
-        for i in range(N):
+        for i in range(n):
             T[c, i] = sigma[c] * S[i, c]
-    for i in range(N):  # one expression of COLUMNS products; below the diagonal it counts
+    for i in range(n):  # one expression of COLUMNS products; below the diagonal it counts
         x_0, x_1, x_2, x_3 = T[0, i], T[1, i], T[2, i], T[3, i]
         x_4, x_5, x_6, x_7 = T[4, i], T[5, i], T[6, i], T[7, i]
         x_8, x_9, x_10, x_11 = T[8, i], T[9, i], T[10, i], T[11, i]
@@ -174,7 +175,7 @@ def add_common(P: Array, S: Array, sigma: Array, T: Array) -> None:
                 + x_8 * T[8, j] + x_9 * T[9, j] + x_10 * T[10, j] + x_11 * T[11, j]
                 + x_12 * T[12, j] + x_13 * T[13, j] + x_14 * T[14, j] + x_15 * T[15, j]
             )  # fmt: skip
-    for i in range(N):
+    for i in range(n):
         for j in range(i):
             P[j, i] = P[i, j]
 

@@ -42,11 +42,14 @@ GRAVITY = 7
 
 
 @kernel
-def _process_noise(q: Array, s: State, c: Settings, dt: float) -> None:
-    """Variances added in a step of dt."""
+def _process_noise(q: Array, s: State, c: Settings, dt: float, decays: Array) -> None:
+    """Variances added in a step of dt; ``decays`` has those of the last one, often as long."""
     imu = 1.0 + s.excess[0]
-    markov = c.markov[0] * -math.expm1(-2.0 * dt / c.markov[1])
-    usbl = c.usbl[0] * -math.expm1(-2.0 * dt / c.usbl[1])
+    if dt != decays[0]:
+        decays[0] = dt
+        decays[1] = c.markov[0] * -math.expm1(-2.0 * dt / c.markov[1])
+        decays[2] = c.usbl[0] * -math.expm1(-2.0 * dt / c.usbl[1])
+    markov, usbl = decays[1], decays[2]
     for k in range(3):
         q[k] = imu * c.densities[0] * dt
         q[3 + k] = imu * c.densities[1] * dt
@@ -120,7 +123,7 @@ def covariance_step(
     carry_heading(Phi, inverse, s.carried)
     if c.aiding.on:
         predict_model(s, c, w, Phi, stamp_ns, dt)
-    _process_noise(w.q, s, c, dt)
+    _process_noise(w.q, s, c, dt, w.decays)
     if c.heading.on:
         add_heading_dynamics(c, Phi, inverse, w.q, dt)
     if c.gap_ns > 0:
@@ -330,7 +333,8 @@ def _follow_swing(s: State, c: Settings, w: Work, dt: float) -> None:
         w.omega[k] = s.increments[0, k] / dt
         w.f[k] = s.increments[1, k] / dt
     body_acceleration(w.acceleration, s.C_b_G, s.v_G, w.omega, w.f, s.held[GRAVITY])
-    follow(s.swing, w.acceleration, c.common[DVL_LATENCY], dt, s.previous_dt[0] == 0.0)
+    first = s.previous_dt[0] == 0.0
+    follow(s.swing, w.acceleration, c.common[DVL_LATENCY], dt, first, w.share)
 
 
 @kernel

@@ -36,6 +36,8 @@ _MOST_MISSING = 1000
 @kernel
 def _multiple(interval_ns: int, usual_ns: int) -> int:
     """How many usual intervals an interval has; 0 where it is no multiple of them."""
+    if interval_ns == usual_ns:  # nearly always, and divisions take their time
+        return 1
     n = (interval_ns + usual_ns // 2) // usual_ns
     return n if abs(interval_ns - n * usual_ns) <= usual_ns // 4 else 0
 
@@ -65,7 +67,9 @@ def _note_interval(s: State, interval_ns: int) -> None:
     s.counters[fs.ODD] = min(odd + _ODD, 4 * _MOST_ODD) if n == 0 else max(odd - 1, 0)
     slower = _SLOWER if n < 2 else _SELDOM * _SLOWER
     shorter = n == 0 and interval_ns < usual_ns
-    if not shorter:
+    if interval_ns == usual_ns:
+        pass
+    elif not shorter:
         s.counters[fs.USUAL_NS] = min(interval_ns, usual_ns + usual_ns // slower)
     elif interval_ns >= _LEAST_NS and _multiple(interval_ns, max(before_ns, 1)) == 1:
         s.counters[fs.USUAL_NS] = interval_ns

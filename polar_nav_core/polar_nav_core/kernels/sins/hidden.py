@@ -14,12 +14,13 @@ def leave_out_leader(P: Array, flat: Array) -> None:
 
     Parameters
     ----------
-    P : (24, 24) array, in place
+    P : (24, 24) array, or of the leading states, in place
     flat : (30,) array or longer, in place
         Leading values of the state.
     """
     for k in range(USBL, N):
         flat[NAVIGATION - N + k] = 0.0
-        for j in range(N):
+    for k in range(USBL, P.shape[0]):
+        for j in range(P.shape[0]):
             P[k, j] = 0.0
             P[j, k] = 0.0

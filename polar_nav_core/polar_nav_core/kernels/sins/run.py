@@ -33,7 +33,6 @@ from .planned import refusal_stops, take_decision
 from .rings import Log, Past, Streams
 from .settings import Settings
 from .state import Frames, State
-from .update import N
 from .work import Work
 
 
@@ -342,8 +341,9 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     for j in range(fs.NAVIGATION):
         rows.flat[k, j] = s.flat[j]
     total = rows.P[k] if rows.P.shape[0] > 0 else rows.total
-    for a in range(N):
-        for b in range(s.P.shape[1]):
+    n = total.shape[0]
+    for a in range(n):
+        for b in range(n):
             total[a, b] = s.P[a, b]
     if s.counters[fs.CONSIDERS] == 1:
         if rows.P.shape[0] > 0:

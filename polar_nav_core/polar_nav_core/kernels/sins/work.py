@@ -32,6 +32,8 @@ class Work(NamedTuple):
     z: Array
     x: Array
     q: Array
+    decays: Array  # (3,): a time step [s], what of `Settings.markov` and `usbl` it adds
+    share: Array  # (2,): an interval [s], the share of it in swing.follow
     J: Array  # (3, COLUMNS): innovation per unit of each common error, by itself
     moved: Array  # (3, COLUMNS): the same, with what the estimate has taken of it
     wide: Array  # (3, 3): S with the common errors
@@ -91,6 +93,8 @@ def make_work() -> Work:
         z=three(),
         x=np.zeros(N),
         q=np.zeros(N),
+        decays=np.zeros(3),
+        share=np.zeros(2),
         J=np.zeros((3, consider.COLUMNS)),
         moved=np.zeros((3, consider.COLUMNS)),
         wide=square(),
