@@ -13,6 +13,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE, EngineParams
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import Depth, Dvl, VehicleTruth
@@ -41,7 +43,7 @@ PACKETS_HZ = 0.5
 CONFIGURATION = 'default'
 _SEED = 1
 _BLOCK = 20_000
-_VERSION = 2
+_VERSION = 3
 
 Progress = Callable[[float], None]
 Stream = Iterator[tuple[int, int, str, bytes]]
@@ -163,8 +165,19 @@ def long_world(hours: float) -> World:
     return make_world(spec, fixes, _SEED)
 
 
+def long_params(world: World) -> EngineParams:
+    """Parameters of its filter: what `default` states of common errors and slow biases, too.
+
+    The world has none of them, and a filter that is told so does less.
+    """
+    told = world.params(configuration=CONFIGURATION)
+    unknown = {*NO_COMMON_ERRORS, *NO_RESERVE}
+    usual: dict[str, Any] = {f.name: f.default for f in fields(told) if f.name in unknown}
+    return replace(told, **usual)
+
+
 def _run_info(world: World) -> bytes:
-    params = FollowerParams(**to_mapping(world.params(configuration=CONFIGURATION)))
+    params = FollowerParams(**to_mapping(long_params(world)))
     return to_bytes(description_of(params))
 
 
