@@ -21,7 +21,7 @@ from std_msgs.msg import String  # noqa: E402
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros.cdr import to_bytes  # noqa: E402
-from polar_nav_ros.qos import DATA_QOS, LATCHED_QOS  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS, LATCHED_QOS, RECORD_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg  # noqa: E402
 from polar_nav_tools.bags import BagError, open_bag  # noqa: E402
 from polar_nav_tools.record.recorder_node import RecorderNode  # noqa: E402
@@ -113,6 +113,20 @@ def test_everything_that_is_found_is_recorded(tmp_path):
     status = [m for _, m in bag.read('/diagnostics')][-1].status[0]
     values = {v.key: v.value for v in status.values}
     assert {'messages', 'messages_per_s', 'bytes', 'file_bytes', 'lost'} <= values.keys()
+
+
+@pytest.mark.parametrize('topic', ['nav/restore', 'nav/command', 'nav/clock', 'nav/inputs'])
+def test_what_a_node_says_before_it_is_found_is_recorded(tmp_path, topic):
+    """A follower that is started again, on a computer so busy that nobody finds it for a while."""
+    talker = rclpy.create_node('follower_node', namespace='/follower')
+    out = talker.create_publisher(Depth, topic, RECORD_QOS)
+    for k in range(3):
+        out.publish(depth(k))
+    bench = Bench(tmp_path / 'b', topics=[f'/follower/{topic}:polar_nav_msgs/msg/Depth'])
+    bench.spin_until(lambda: bench.count(f'/follower/{topic}') == 3)
+    talker.destroy_node()
+    kept = [d for _, _, d in bench.finish().messages([f'/follower/{topic}'])]
+    assert kept == [to_bytes(depth(k)) for k in range(3)]
 
 
 def test_lockstep_acknowledges_what_was_filed(tmp_path):

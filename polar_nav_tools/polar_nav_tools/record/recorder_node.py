@@ -27,7 +27,15 @@ from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode
 from polar_nav_ros.process import run
 from polar_nav_ros.qos import DATA_QOS, QUEUE_DEPTH
-from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO, START
+from polar_nav_ros.topics import (
+    CLOCK_STEP,
+    COMMAND,
+    DIAGNOSTICS,
+    INPUTS,
+    RESTORE,
+    RUN_INFO,
+    START,
+)
 
 from ..bags.errors import BagError
 from ..bags.qos import Qos, request_for
@@ -42,7 +50,14 @@ _OWN = {DIAGNOSTICS, RUN_INFO}
 """What is found where nobody else publishes."""
 _PATIENCE = 5
 """Diagnoses, one a second, in which nothing is found, before it is said."""
-_LATCHED = (RUN_INFO, '/tf_static', '/robot_description')
+_LATCHED = (
+    RUN_INFO,
+    '/tf_static',
+    '/robot_description',
+    *(f'/{topic}' for topic in (COMMAND, RESTORE, CLOCK_STEP, INPUTS, START)),
+)
+"""Ends of topics whose publishers keep what they said. A node that is started again says at once
+what a replay cannot do without, and a busy recorder finds it seconds later."""
 _LOOK_PERIOD_S = 0.1
 _ADAPT_PERIOD_S = 0.5
 _TICK_PERIOD_S = 0.1
@@ -139,7 +154,7 @@ class RecorderNode(PolarNode[RecorderParams]):
         self, topic: str, type_name: str, msg_type: type[Any], offered: Sequence[Qos]
     ) -> None:
         self._recording.add_topic(topic, type_name)
-        reliable, latched = request_for(offered) if offered else (True, topic in _LATCHED)
+        reliable, latched = request_for(offered) if offered else (True, topic.endswith(_LATCHED))
 
         @informed
         def on_first(data: bytes, about: dict[str, Any]) -> None:
