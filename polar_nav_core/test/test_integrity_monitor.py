@@ -386,14 +386,49 @@ def test_few_refused_fixes_have_a_mean_and_no_trend():
         offset_G, speed_G = refused(count).conflict()
         np.testing.assert_allclose(offset_G, found)
         assert speed_G.tolist() == [0.0, 0.0, 0.0]
-    moving = refused(9, lambda t: AWAY + np.array([t, 0.0, 0.0]))
-    offset_G, speed_G = moving.conflict()
-    np.testing.assert_allclose(offset_G, AWAY + np.array([50.0, 0.0, 0.0]))
-    assert not speed_G.any()
+    for count in (3, 4, 9):
+        moving = refused(count, lambda t: AWAY + np.array([t, 0.0, 0.0]))
+        offset_G, speed_G = moving.conflict()
+        lined = count > 3
+        at_s = 10.0 * count if lined else 20.0
+        np.testing.assert_allclose(offset_G, AWAY + np.array([at_s, 0.0, 0.0]))
+        np.testing.assert_allclose(speed_G, [float(lined), 0.0, 0.0], atol=1e-12)
     # Ten of one moment have none either.
     offset_G, speed_G = refused(10, period_s=0.0).conflict()
     np.testing.assert_allclose(offset_G, AWAY)
     assert not speed_G.any()
+
+
+def test_an_estimate_that_runs_away_faster_and_faster_is_one_conflict():
+    """Of nine fixes beside which it accelerates the mean lies far from most."""
+
+    def offset(t):
+        return np.array([0.3 * (t / 10.0) ** 2, 0.0, 0.0])
+
+    for count in range(4, 12):
+        offset_G, speed_G = refused(count, offset).conflict()
+        newest = offset(10.0 * count)[0]
+        assert 0.7 * newest < offset_G[0] < 1.1 * newest
+        assert speed_G[0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ('count', 'grows_mps', 'least_s', 'found'),
+    [
+        (6, 30.0, 50.0, True),
+        (5, 30.0, 0.0, False),
+        (6, 30.0, 50.1, False),
+        (6, 0.0, 0.0, False),
+        (6, -30.0, 0.0, True),
+    ],
+)
+def test_an_estimate_runs_away_from_six_that_leave_it_steadily(count, grows_mps, least_s, found):
+    monitor = refused(count, lambda t: AWAY + np.array([grows_mps * t, 0.0, 0.0]))
+    assert monitor.runs_away(least_s) == found
+
+
+def test_it_runs_away_from_none_that_scatter():
+    assert not refused(20, scattered(400.0)).runs_away(0.0)
 
 
 def test_scattered_fixes_are_no_conflict():

@@ -22,11 +22,17 @@ from .health.conditions import Condition, Culprit, Level, fixes_followed
 from .unused import ALARMING, Unused, lasted_s
 
 _BELIEVED = 10
-"""Agreeing refused fixes that are believed at the least, and fused ones that settle a filter."""
+"""Agreeing refused fixes that are believed at the least."""
+SETTLED = 10
+"""Fused fixes that settle a filter."""
 _TREND_SIGMAS = 4.0
 """A trend of the offsets within so many of its sigmas is none."""
 _LEAST_TREND = 0.05
 """Nor is one that changes the offset by a smaller share of it."""
+_LINED = 4
+"""Refused fixes from which on a line in time is drawn through what they are off by."""
+_SOON = 6
+"""Those that show an estimate which runs away from them."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
 _BACK = 0.5
@@ -201,8 +207,9 @@ class IntegrityMonitor:
         what an IMU makes of a tilt or a rate that is wrong.
         """
         self._doubted = doubted or self._doubted
-        enough = _BELIEVED if fused >= _BELIEVED else max(_BELIEVED, 2 * fused)
-        vouched = fused >= _BELIEVED and not self._doubted
+        settled = fused >= SETTLED
+        enough = _BELIEVED if settled else max(_BELIEVED, 2 * fused)
+        vouched = settled and not self._doubted
         if self._count < enough or (vouched and not alone):
             return None
         newest = self._newest()
@@ -212,16 +219,28 @@ class IntegrityMonitor:
         if not line.agree or (vouched and line.steady):
             return None
         distance = float(np.linalg.norm(line.offset_G))
-        return Contradiction(distance, line.steady and fused < _BELIEVED)
+        return Contradiction(distance, line.steady and not settled)
+
+    def runs_away(self, least_s: float) -> bool:
+        """Whether refused fixes lie on a line that the estimate leaves, for ``least_s`` [s]."""
+        newest = self._newest()
+        if len(newest) < _SOON:
+            return False
+        line = _line(newest, _LINED)
+        long = (newest[-1].validity_ns - newest[0].validity_ns) * 1e-9 >= least_s
+        return long and line.agree and not line.steady
 
     def conflict(self) -> tuple[Array, Array]:
         """Offset [m] of refused fixes from the estimate and its change [m/s], grid axes.
 
         Zero while fewer than three in a row are refused, or they scatter. One that passes the
-        gate by chance does not end it: that takes three in a row.
+        gate by chance does not end it: that takes three in a row. Of fewer than ten the offset
+        is the mean, unless they show a trend.
         """
         if self._count >= ALARMING:
-            line = _line(self._newest())
+            newest = self._newest()
+            lines = (_line(newest, _LINED), _line(newest))
+            line = lines[lines[0].steady]
             if line.agree:
                 return line.offset_G, line.speed_G
         return self._held or (np.zeros(3), np.zeros(3))
@@ -336,13 +355,13 @@ class _Line(NamedTuple):
         return self.scatter < 0.5 * float(np.linalg.norm(self.offset_G))
 
 
-def _line(refused: list[_Refused]) -> _Line:
-    """Line through the offsets of refused fixes, in the order of validity; few: their mean."""
+def _line(refused: list[_Refused], fewest: int = _BELIEVED) -> _Line:
+    """Line through the offsets of refused fixes, in the order of validity; of few: their mean."""
     first_ns = refused[0].validity_ns
     t = np.array([(r.validity_ns - first_ns) * 1e-9 for r in refused])
     offsets_G = np.array([r.offset_G for r in refused])
     rows = np.ones((len(t), 1))
-    if len(t) >= _BELIEVED and t[-1] > 0.0:
+    if len(t) >= fewest and t[-1] > 0.0:
         rows = np.column_stack([rows, t - t.mean()])
     line, *_ = np.linalg.lstsq(rows, offsets_G, rcond=None)
     rest = offsets_G - rows @ line

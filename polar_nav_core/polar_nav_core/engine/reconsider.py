@@ -9,8 +9,10 @@ at the fixes (engine.sins.anew); a track that is turned and stretched shows a wr
 
 from __future__ import annotations
 
+from ..kernels.sins.reopen import MOST
 from .health.view import View
 from .health.watchdog import doubts_local, is_alone
+from .integrity import SETTLED
 from .ledger import Believed, FixLedger
 from .params import EngineParams
 from .results import Outcome
@@ -55,8 +57,8 @@ def _replaced(
     """Whether refused fixes replace a part of the estimate; else they may outweigh it."""
     f, row, stamp_ns = fusion.filter, ledger.refused_row, fusion.stamp_ns
     view = view_of(fusion, stamp_ns, 0)
-    alone, how = is_alone(view), Believed.ANEW
-    if not (alone and view.speed > p.max_speed and begin_at_fixes(f, row, p.max_speed)):
+    how = Believed.ANEW
+    if not (_is_lost(ledger, p, outcome, view) and begin_at_fixes(f, row, p.max_speed)):
         if weigh_refused(f, row, p, sigma_heading):
             how = Believed.TURNED
         elif not _outweigh(fusion, ledger, p, outcome, view):
@@ -64,6 +66,19 @@ def _replaced(
     fusion.forget_past()
     ledger.believed(stamp_ns, how=how)
     return True
+
+
+def _is_lost(ledger: FixLedger, p: EngineParams, outcome: Outcome, view: View) -> bool:
+    """Whether an estimate without a DVL is none that its covariance could lead back.
+
+    It is faster than the vehicle can be; or it was settled, and runs away from fixes that it would
+    refuse with the largest covariance that doubt may give it.
+    """
+    if not is_alone(view):
+        return False
+    settled = ledger.fused_since_start >= SETTLED
+    beyond = settled and outcome.nis > MOST * outcome.dof
+    return view.speed > p.max_speed or (beyond and ledger.integrity.runs_away(p.reopen_after_s))
 
 
 def _outweigh(

@@ -3,10 +3,12 @@
 Without a DVL nothing but fixes shows what a gyro that jumps or a turn that was missed makes of the
 estimate: gravity leaks into the velocity, the gate refuses what contradicts it, and soon no linear
 correction leads back. An estimate that is faster than the vehicle can be (`max_speed`) is wrong
-for certain, and one whose covariance would have to hold any attitude for possible knows none
+for certain, one that runs away from its fixes is if it would refuse them with any covariance that
+doubt may give it, and one whose covariance would have to hold any attitude for possible knows none
 (engine.reconsider). Then the refused fixes say where the vehicle is and how fast, and the
 accelerometers where down is, however far the attitude was off: a vehicle accelerates little, so
-that what they feel is gravity. The heading stays, and is doubted.
+that what they feel is gravity. The heading stays, and is doubted. Where the attitude was not off,
+a bias of the accelerometers may be what the velocity has run away by.
 """
 
 from __future__ import annotations
@@ -33,6 +35,8 @@ _LEVELLED_S = 2.0
 """The accelerometers' mean of so long says where down is."""
 _TILT = 0.05
 """1-sigma of that [rad]: accelerations of 0.5 m/s^2."""
+_MOST_PUSH = 0.1
+"""Most that an accelerometer's bias can have jumped [m/s^2]: 10 mg."""
 _CLIMB = 1.0
 """1-sigma of the vertical velocity, of which fixes say little [m/s]."""
 
@@ -90,6 +94,9 @@ def begin_at_fixes(f: NavigationFilter, row: RefusedRow, max_speed: float) -> bo
     P[X.dv_G, X.dr_e] = P[X.dr_e, X.dv_G].T
     jumped = min((_TILT if is_turn else angle) / max(held_s, 1.0), MOST_GYRO)
     P[X.b_gyro_b, X.b_gyro_b] += jumped**2 * np.eye(3)
+    if not is_turn:
+        pushed = min(float(np.linalg.norm(change_G)) / max(held_s, 1.0), _MOST_PUSH)
+        P[X.b_accel_b, X.b_accel_b] += pushed**2 * np.eye(3)
     if len(state.model):
         state.model[fs.P_XE + known.start : fs.P_XE + known.stop] = 0.0
     state.carried[:] = 0.0
