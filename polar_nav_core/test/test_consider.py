@@ -62,8 +62,11 @@ def test_covariances_with_the_common_errors():
     co.add_common_blocks(blocks, S, sigma)
     np.testing.assert_array_equal(blocks, np.where(own, total, P))
     J, wide = rng.standard_normal((3, co.COLUMNS)), np.zeros((3, 3))
-    co.widen(wide, np.eye(3), J, sigma, 3)
-    np.testing.assert_allclose(wide, np.eye(3) + J @ B @ J.T, rtol=1e-12)
+    co.widen(wide, P[:3, :3], J, sigma, 3)
+    np.testing.assert_allclose(wide, P[:3, :3] + J @ B @ J.T, rtol=1e-12)
+    leading = P[:9, :9].copy()
+    co.add_common(leading, S, sigma, np.empty((co.COLUMNS, N)))
+    np.testing.assert_array_equal(leading, total[:9, :9])
 
 
 @pytest.mark.parametrize(
