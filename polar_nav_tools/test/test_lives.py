@@ -269,6 +269,55 @@ def test_messages_that_were_lost_in_the_kill_are_no_difference(killed, tmp_path)
     assert verify(found).equal
 
 
+def found_late(source, target, found_s, lost=()):
+    """Copy of a bag whose recorder found the second follower some time after the beginning.
+
+    What its publishers keep comes then, at once; its other messages before then, and those of
+    states that ``lost`` numbers, are not there.
+    """
+    source = open_bag(source)
+    records = list(source.records())
+    begin_ns = records[0].log_time_ns
+    kept, states = [], 0
+    with BagWriter(target, {}) as writer:
+        for topic, known in source.topics.items():
+            writer.add_topic(topic, known.type)
+        for record in records:
+            since_s = (record.log_time_ns - begin_ns) / S
+            topic = record.topic.removeprefix('/follower/')
+            if 12.9 < since_s < found_s:
+                if topic in (topics.CLOCK_STEP, topics.RESTORE, topics.RUN_INFO):
+                    kept.append(record)
+                    continue
+                if topic in (topics.STATE, topics.RECEIPT):
+                    continue
+            while kept and since_s >= found_s:
+                one = kept.pop(0)
+                writer.write(one.topic, one.data, record.log_time_ns)
+            states += topic == topics.STATE
+            if topic != topics.STATE or states not in lost:
+                writer.write(record.topic, record.data, record.log_time_ns)
+    return target
+
+
+def test_what_a_life_said_before_the_recorder_found_it_is_no_difference(killed, tmp_path):
+    """A busy computer: what its publishers keep is there, the first estimates are not."""
+    late = found_late(killed, tmp_path / 'late', 19.5)
+    first, second = load_inputs(killed).live, load_inputs(late).live
+    missed = {topic: len(first[topic]) - len(second[topic]) for topic in first}
+    assert missed[topics.STATE] > 10
+    result = verify(late)
+    assert result.equal, result.difference
+    assert [sentence.partition(' ')[0] for sentence in result.unheard] == [
+        str(count) for count in missed.values() if count
+    ]
+    end = 'the recorder had found the follower that was started again; the others are equal'
+    assert all(sentence.endswith(end) for sentence in result.unheard)
+    # What was published for certain after it was found is a difference.
+    number = len(load_inputs(late).lives[0].live[topics.STATE]) + 40
+    assert not verify(found_late(killed, tmp_path / 'lost', 19.5, lost=(number,))).equal
+
+
 def test_a_last_life_that_was_killed_is_followed_to_its_last_output(killed, tmp_path):
     inputs = load_inputs(killed)
     last = len(inputs.live[topics.STATE]) - 12

@@ -25,7 +25,7 @@ from polar_nav_ros.navigation_session import MODEL_OUTPUTS
 from polar_nav_ros.stamps import to_ns
 
 from ..bags.errors import BagError
-from .records import Heard, Live, Timed
+from .records import Heard, Live, Timed, stamp_in
 
 TYPES: dict[str, type[Any]] = {
     topics.STATE: NavState,
@@ -62,6 +62,8 @@ class Life:
         last output: at least how many, of how many. Empty for a node that did not end in order.
     unheard : mapping of str to int
         By compared topic, what it had published before the recorder heard the topic.
+    found_ns : int
+        Stamp up to which the recorder had not found a node that was started again [ns].
     """
 
     messages: Sequence[tuple[str, Any]]
@@ -73,6 +75,7 @@ class Life:
     torn: bool = False
     dropped: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     unheard: Mapping[str, int] = field(default_factory=dict)
+    found_ns: int = 0
 
     def events(self, run: session.Session, before: session.Session, where: str) -> Iterator[Event]:
         """Events in their total order, without those that the live node refused.
@@ -142,19 +145,22 @@ class Life:
             elif self.until_ns is None or event.stamp_ns <= self.until_ns:
                 yield number, event
 
-    def matching(self, topic: str, replayed: list[bytes]) -> list[bytes]:
+    def matching(self, topic: str, replayed: list[bytes]) -> tuple[list[bytes], int]:
         """Replayed messages of a topic, without those that no recorder could have.
 
-        Messages that were published right before the end of a node that was killed may be on their
-        way still; the first ones may have come before the recorder found the topic.
+        And how many of those came before the recorder had found the topic: only as many as explain
+        why what was recorded is something else. Messages that were published right before the end
+        of a node that was killed may be on their way still.
         """
         live = self.live[topic]
         limit = len(live) if self.torn or self.until_ns is not None else None
-        late = self.unheard.get(topic, 0)
         # A recorder that was late by more lacks inputs, too: the replay begins where it does.
-        if late and replayed[:limit] != live and replayed[late:][:limit] == live:
-            return live
-        return replayed[:limit]
+        late = [0, self.unheard.get(topic, 0)]
+        if self.found_ns:
+            ends = (k for k, data in enumerate(replayed) if stamp_in(data) > self.found_ns)
+            late += range(1, next(ends, len(replayed)) + 1)
+        missed = next((k for k in late if replayed[k:][:limit] == live), 0)
+        return replayed[missed:][:limit], missed
 
     @property
     def published(self) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -58,6 +59,8 @@ def lives_of(records: Records, imu: str, *, injected: bool = False) -> list[Life
         if starts is not None:
             taken_to |= starts
         life = _life(records, (begin, end), starts, last=last)
+        if starts is not None:
+            life = replace(life, found_ns=_found_ns(records, imu, begin, end))
         if life.published or (last and not found):
             found.append(life)
     return found
@@ -89,6 +92,21 @@ def _starts(
         # One that the recorder has lost: the node took those that came after it, too.
         found[step.topic] = min(same, key=lambda k: abs(k - place), default=place)
     return found if named else None
+
+
+def _found_ns(records: Records, imu: str, begin: int, end: int) -> int:
+    """Newest IMU stamp [ns] before the recorder had found a node that was started again.
+
+    It names its starts before it publishes anything else, and the recorder gets that as soon as it
+    has found it.
+    """
+    named = min(p for p, step in records.steps if begin <= p < end and step.is_start)
+    rows, newest_ns = records.inputs, 0
+    for part in spilled.parts(len(rows)):
+        some = rows[part]
+        before = (some['topic'] == records.number(imu)) & (some['place'] < named)
+        newest_ns = max(newest_ns, int(some['stamp_ns'][before].max(initial=0)))
+    return newest_ns
 
 
 def _life(

@@ -188,7 +188,7 @@ class Records:
     def output(self, topic: str, data: bytes) -> None:
         """Add a message that it published."""
         place = self._next()
-        self._outputs.add((place, self.number(topic), _stamp_in(data), 0))
+        self._outputs.add((place, self.number(topic), stamp_in(data), 0))
         if topic == topics.RECEIPT:
             self.receipts.append((place, data))
 
@@ -221,7 +221,7 @@ def stamp_of(message: Any) -> int:  # noqa: ANN401 - of any topic
     return message.stamp_ns if isinstance(message, Taken) else to_ns(message.header.stamp)
 
 
-def _stamp_in(data: bytes) -> int:
+def stamp_in(data: bytes) -> int:
     """Stamp in the bytes of an output [ns]; 0 where they are too few."""
     try:
         return stamp_ns_of_cdr(data)

@@ -172,7 +172,7 @@ def verify(
         replayed = replay(inputs, progress=progress)
     difference: Difference | None = None
     comparison: Comparison | None = None
-    live, again = inputs.live, replayed_as_live(inputs, replayed)
+    live, (again, late) = inputs.live, replayed_as_live(inputs, replayed)
     if inputs.engine_version == ENGINE_VERSION:
         difference = _late_start(inputs)
         for topic in live:
@@ -197,30 +197,41 @@ def verify(
         retired=list(inputs.retired),
         lives_s=_lives_s(inputs),
         torn=any(life.torn for life in inputs.lives),
-        unheard=_unheard(inputs, again),
+        unheard=_unheard(inputs, again, late),
     )
 
 
-def replayed_as_live(inputs: RecordedInputs, replayed: ReplayResult) -> dict[str, list[bytes]]:
-    """Replayed messages by topic that the live node published, or would have, in all its lives."""
-    return {
-        topic: [
-            data
-            for number, life in enumerate(inputs.lives)
-            for data in life.matching(topic, replayed.of(topic, number))
-        ]
-        for topic in inputs.live
-    }
+def replayed_as_live(
+    inputs: RecordedInputs, replayed: ReplayResult
+) -> tuple[dict[str, list[bytes]], dict[str, int]]:
+    """Replayed messages by topic that the live node published, or would have, in all its lives.
+
+    And how many the recorder had missed before it found a node that was started again.
+    """
+    again: dict[str, list[bytes]] = {topic: [] for topic in inputs.live}
+    late = dict.fromkeys(inputs.live, 0)
+    for topic, messages in again.items():
+        for number, life in enumerate(inputs.lives):
+            found, missed = life.matching(topic, replayed.of(topic, number))
+            messages += found
+            late[topic] += missed if number else 0
+    return again, late
 
 
-def _unheard(inputs: RecordedInputs, again: Mapping[str, list[bytes]]) -> list[str]:
+def _unheard(
+    inputs: RecordedInputs, again: Mapping[str, list[bytes]], late: Mapping[str, int]
+) -> list[str]:
     """One sentence for each compared topic that the recorder found late."""
     return [
         f'{count:,} messages of /{inputs.vehicle}/{topic} are not in the bag: they were published '
-        'before the recorder had found the topic'
+        f'before the recorder had found the {what}'
         + ('; the others are equal' if messages == again[topic] else '')
         for topic, messages in inputs.live.items()
-        if (count := inputs.lives[0].unheard.get(topic, 0))
+        for count, what in (
+            (inputs.lives[0].unheard.get(topic, 0), 'topic'),
+            (late[topic], 'follower that was started again'),
+        )
+        if count
     ]
 
 
@@ -317,7 +328,7 @@ def compare(inputs: RecordedInputs, replayed: ReplayResult) -> Comparison:
     first_ns = _first_imu_ns(inputs)
     if len(recorded) and recorded.stamp_ns[0] < first_ns:
         return Comparison(None, f'the follower {_RUNNING}, and {_from(first_ns)}')
-    live, again = inputs.live, replayed_as_live(inputs, replayed)
+    live, (again, _) = inputs.live, replayed_as_live(inputs, replayed)
     found = [closeness(recorded, estimates_from_cdr(again[topics.STATE], name))]
     if live.get(topics.MODEL):
         models = (live[topics.MODEL], again[topics.MODEL])
