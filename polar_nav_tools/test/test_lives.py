@@ -269,11 +269,11 @@ def test_messages_that_were_lost_in_the_kill_are_no_difference(killed, tmp_path)
     assert verify(found).equal
 
 
-def found_late(source, target, found_s, lost=()):
+def found_late(source, target, found_s, lost=(), late=(topics.STATE, topics.RECEIPT)):
     """Copy of a bag whose recorder found the second follower some time after the beginning.
 
-    What its publishers keep comes then, at once; its other messages before then, and those of
-    states that ``lost`` numbers, are not there.
+    What its publishers keep comes then, at once; its messages on ``late`` topics before then, and
+    those of states that ``lost`` numbers, are not there.
     """
     source = open_bag(source)
     records = list(source.records())
@@ -289,7 +289,7 @@ def found_late(source, target, found_s, lost=()):
                 if topic in (topics.CLOCK_STEP, topics.RESTORE, topics.RUN_INFO):
                     kept.append(record)
                     continue
-                if topic in (topics.STATE, topics.RECEIPT):
+                if topic in late:
                     continue
             while kept and since_s >= found_s:
                 one = kept.pop(0)
@@ -316,6 +316,16 @@ def test_what_a_life_said_before_the_recorder_found_it_is_no_difference(killed, 
     # What was published for certain after it was found is a difference.
     number = len(load_inputs(late).lives[0].live[topics.STATE]) + 40
     assert not verify(found_late(killed, tmp_path / 'lost', 19.5, lost=(number,))).equal
+
+
+def test_an_output_that_is_found_before_the_names_is_of_its_own_life(killed, tmp_path):
+    bag = found_late(killed, tmp_path / 'late', 19.5, late=())
+    assert [life.span_ns for life in load_inputs(bag).lives] == [
+        life.span_ns for life in load_inputs(killed).lives
+    ]
+    result = verify(bag)
+    assert result.equal, result.difference
+    assert not result.unheard
 
 
 def test_a_last_life_that_was_killed_is_followed_to_its_last_output(killed, tmp_path):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
 from polar_nav_core import spilled
+from polar_nav_core.engine.events import ClockStep
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_msgs.msg import Command, FixReceipt
 from polar_nav_ros import topics
@@ -73,9 +74,23 @@ def _begins(records: Records, imu: str) -> list[int]:
     for place, step in records.steps:
         if step.is_start and step.topic == imu:
             own = [born for born in records.births if before < born < place]
-            out.append(own[-1] if own else place)
+            out.append(_first_output(records, step, before, own[-1] if own else place))
             before = place
     return out
+
+
+def _first_output(records: Records, start: ClockStep, before: int, place: int) -> int:
+    """Place of the first output of a life, or ``place`` where it is later.
+
+    A recorder may find the topic of an output before it finds the names of what the node took. A
+    life before it has published nothing of the time of the first sample that this one took.
+    """
+    outputs = records.outputs
+    mine = outputs[(outputs['place'] > before) & (outputs['place'] < place)]
+    later = mine['stamp_ns'] >= start.own_ns
+    number = len(mine) if later.all() else int(np.argmax(~later[::-1]))
+    # Where all are later there is no life before, or its clock was another one.
+    return int(mine['place'][-number]) if 0 < number < len(mine) else place
 
 
 def _starts(
