@@ -63,7 +63,8 @@ class Life:
     unheard : mapping of str to int
         By compared topic, what it had published before the recorder heard the topic.
     found_ns : int
-        Stamp up to which the recorder had not found a node that was started again [ns].
+        Stamp up to which the recorder had not found a node that was started again [ns]; 0 for the
+        first one.
     """
 
     messages: Sequence[tuple[str, Any]]

@@ -60,7 +60,7 @@ def lives_of(records: Records, imu: str, *, injected: bool = False) -> list[Life
         if starts is not None:
             taken_to |= starts
         life = _life(records, (begin, end), starts, last=last)
-        if starts is not None:
+        if starts is not None and found:  # what it missed of the first, the recorder has counted
             life = replace(life, found_ns=_found_ns(records, imu, begin, end))
         if life.published or (last and not found):
             found.append(life)
