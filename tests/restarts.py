@@ -131,10 +131,9 @@ def restarts_of(bag: Bag) -> list[Restart]:
     )  # fmt: skip
     taken = _recorded_ns(bag, 'imu/data_raw')
     published = _recorded_ns(bag, 'nav/state')
-    begins = [
-        to_ns(deserialize_message(data, Restore).header.stamp)
-        for _, _, data in bag.messages([f'/{FOLLOWER}/nav/restore'])
-    ]
+    # A recorder that was started again hears them once more.
+    told = dict.fromkeys(data for _, _, data in bag.messages([f'/{FOLLOWER}/nav/restore']))
+    begins = [to_ns(deserialize_message(data, Restore).header.stamp) for data in told]
     stamps = [int(found.stamp_ns[np.searchsorted(found.stamp_ns, b)]) for b in begins]
     waits = [(published[ns] - taken[begin]) / NS for begin, ns in zip(begins, stamps, strict=True)]
     return _restarts(found, Track(truth.stamp_ns, truth.r_e), begins, waits)
