@@ -18,8 +18,8 @@ from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_receipts, receipts_from_cdr
 from polar_nav_tools.live.run_info import cpu_model, versions
 from polar_nav_tools.replay.by_message import replay
+from polar_nav_tools.replay.comparison import compare
 from polar_nav_tools.replay.recorded import load_inputs
-from polar_nav_tools.replay.verification import compare
 
 BAGS = Path(__file__).parents[1] / 'bags'
 REFERENCES = sorted(p.parent.name for p in BAGS.glob('reference*/metadata.yaml'))

@@ -53,7 +53,6 @@ from .navigation_session import (
     Published,
 )
 from .node import PolarNode
-from .qos import DATA_QOS, RECORD_QOS
 from .readers import ImuRow, initial_from_msg, initial_to_msg
 from .services import add_map_services, add_switches
 from .source_ports import SourcePorts
@@ -128,17 +127,16 @@ class NavigationPorts:
         if session.with_model:
             published |= MODEL_OUTPUTS
         self._outputs: dict[str, CountedPublisher] = {
-            topic: node.advertise(kind, topic, RECORD_QOS if topic == CLOCK_STEP else DATA_QOS)
-            for topic, kind in published.items()
+            topic: node.advertise(kind, topic) for topic, kind in published.items()
         }
-        self._commands = node.advertise(CommandMsg, COMMAND, RECORD_QOS)
+        self._commands = node.advertise(CommandMsg, COMMAND)
         self._store = store
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
         # In lockstep a node that dies ends the run.
         session.marks_starts = store is not None or not session.params.lockstep
         if store is not None:
-            self._restores = node.advertise(RestoreMsg, RESTORE, RECORD_QOS)
+            self._restores = node.advertise(RestoreMsg, RESTORE)
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1

@@ -39,6 +39,7 @@ from .qos import (
     BEST_EFFORT,
     DATA_QOS,
     LATCHED_QOS,
+    RECORD_QOS,
     check_overrides,
     overridden,
     overriding,
@@ -145,10 +146,9 @@ class PolarNode(BlamedNode, Generic[P]):
         """What the node's description on /run_info says besides its parameters; overridden."""
         return {}
 
-    def advertise(
-        self, msg_type: type[Any], topic: str, qos: QoSProfile = DATA_QOS
-    ) -> CountedPublisher:
-        """Counted publisher on ``topic``."""
+    def advertise(self, msg_type: type[Any], topic: str) -> CountedPublisher:
+        """Counted publisher on ``topic``; of what it keeps, a recorder that finds it late gets."""
+        qos = RECORD_QOS if topic in topics.KEPT else DATA_QOS
         output = CountedPublisher(self.create_publisher(msg_type, topic, qos))
         self._outputs.append(output)
         return output

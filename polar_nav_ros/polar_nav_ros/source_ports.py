@@ -25,7 +25,6 @@ from .adapters.live import CONSTANTS, Source, Sources, Taken
 from .adapters.mapping import Stream
 from .adapters.start_topic import StartTopic
 from .node import PolarNode
-from .qos import RECORD_QOS
 from .source_health import SourceHealth
 from .stamps import to_msg
 from .topics import HEADING, INPUTS
@@ -134,7 +133,7 @@ class SourcePorts:
         self._start = start
         self._require_one_type()
         self._names: dict[str, str] = {}
-        self._inputs = node.advertise(Inputs, INPUTS, RECORD_QOS)
+        self._inputs = node.advertise(Inputs, INPUTS)
         self._blocks = 0
         self._rows: list[tuple[int, int, int, int, int]] = []
         self.health = SourceHealth(node, sources, self._name)

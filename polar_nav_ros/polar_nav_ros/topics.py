@@ -50,6 +50,9 @@ START = 'nav/start'
 """State of a node's start: what it waits for, and where its state is from; latched."""
 INPUTS = 'nav/inputs'
 """Which messages of mapped sources a follower used, in blocks."""
+KEPT = (COMMAND, RESTORE, CLOCK_STEP, INPUTS)
+"""What a replay cannot do without: a publisher keeps it for a recorder that finds it late, or is
+started again and then hears it once more."""
 FIX = 'nav/fix'
 ODOMETRY = 'odometry'
 ODOMETRY_NOW = 'odometry/now'

@@ -144,7 +144,7 @@ class Wire:
     def resolve_topic_name(self, topic: str) -> str:
         return topic
 
-    def advertise(self, _kind: Any, _topic: str, _qos: Any) -> Any:
+    def advertise(self, _kind: Any, _topic: str) -> Any:
         def publish(message: Any) -> None:
             self.blocks.append((self.now_ns, to_bytes(message)))
 

@@ -239,8 +239,9 @@ class IntegrityMonitor:
         """
         if self._count >= ALARMING:
             newest = self._newest()
-            lines = (_line(newest, _LINED), _line(newest))
-            line = lines[lines[0].steady]
+            line = _line(newest, _LINED)
+            if line.steady:
+                line = _line(newest)
             if line.agree:
                 return line.offset_G, line.speed_G
         return self._held or (np.zeros(3), np.zeros(3))

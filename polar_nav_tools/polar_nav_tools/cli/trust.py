@@ -15,7 +15,8 @@ from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 if TYPE_CHECKING:
     from ..doctor.examine import Examination
     from ..replay.certificate import Check
-    from ..replay.verification import Comparison, VerifyResult
+    from ..replay.comparison import Comparison
+    from ..replay.verification import VerifyResult
     from ..series.closeness import Closeness
 
 

@@ -27,15 +27,7 @@ from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode
 from polar_nav_ros.process import run
 from polar_nav_ros.qos import DATA_QOS, QUEUE_DEPTH
-from polar_nav_ros.topics import (
-    CLOCK_STEP,
-    COMMAND,
-    DIAGNOSTICS,
-    INPUTS,
-    RESTORE,
-    RUN_INFO,
-    START,
-)
+from polar_nav_ros.topics import DIAGNOSTICS, KEPT, RUN_INFO, START
 
 from ..bags.errors import BagError
 from ..bags.qos import Qos, request_for
@@ -54,7 +46,7 @@ _LATCHED = (
     RUN_INFO,
     '/tf_static',
     '/robot_description',
-    *(f'/{topic}' for topic in (COMMAND, RESTORE, CLOCK_STEP, INPUTS, START)),
+    *(f'/{topic}' for topic in (*KEPT, START)),
 )
 """Ends of topics whose publishers keep what they said. A node that is started again says at once
 what a replay cannot do without, and a busy recorder finds it seconds later."""

@@ -25,9 +25,10 @@ from ..bags.reader import Bag
 from ..live.run_info import cpu_identity, git_commit, lock_sha256, versions
 from ..series.closeness import LIMIT_SIGMA, Closeness
 from .by_message import ReplayResult
+from .comparison import compare
 from .described import read_parameters
 from .recorded import RecordedInputs
-from .verification import VerifyResult, compare
+from .verification import VerifyResult
 
 FORMAT = 'polar_nav certificate'
 VERSION = 1

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
 from polar_nav_core import spilled
-from polar_nav_core.engine.events import ClockStep
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_msgs.msg import Command, FixReceipt
 from polar_nav_ros import topics
@@ -68,29 +67,20 @@ def lives_of(records: Records, imu: str, *, injected: bool = False) -> list[Life
 
 
 def _begins(records: Records, imu: str) -> list[int]:
-    """Place from which on each life that names its first messages is recorded."""
+    """Place from which on each life that names its first messages is recorded.
+
+    A node publishes nothing before its first sample of the IMU, and one that was killed nothing
+    after that of the next; what it says of itself may be recorded later, as may its names.
+    """
     out: list[int] = []
     before = 0
     for place, step in records.steps:
         if step.is_start and step.topic == imu:
             own = [born for born in records.births if before < born < place]
-            out.append(_first_output(records, step, before, own[-1] if own else place))
+            taken = [k for k in records.of(step) if before < k < place]
+            out.append(min(*own[-1:], *taken[-1:], place))
             before = place
     return out
-
-
-def _first_output(records: Records, start: ClockStep, before: int, place: int) -> int:
-    """Place of the first output of a life, or ``place`` where it is later.
-
-    A recorder may find the topic of an output before it finds the names of what the node took. A
-    life before it has published nothing of the time of the first sample that this one took.
-    """
-    outputs = records.outputs
-    mine = outputs[(outputs['place'] > before) & (outputs['place'] < place)]
-    later = mine['stamp_ns'] >= start.own_ns
-    number = len(mine) if later.all() else int(np.argmax(~later[::-1]))
-    # Where all are later there is no life before, or its clock was another one.
-    return int(mine['place'][-number]) if 0 < number < len(mine) else place
 
 
 def _starts(

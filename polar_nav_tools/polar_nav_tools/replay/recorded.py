@@ -42,8 +42,6 @@ from .used import Used, used_of
 
 COMPARED = (topics.STATE, topics.RECEIPT)
 """Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
-_KEPT = (topics.CLOCK_STEP, topics.COMMAND, topics.RESTORE)
-"""Topics of which a recorder that is started again hears the last minute's messages again."""
 
 _HOLE = 'hole'
 """Stands for the name of a topic."""
@@ -208,7 +206,7 @@ class _Source:
             while holes_ns and arrival_ns >= holes_ns[0]:
                 yield _Entry(None, _HOLE, holes_ns.pop(0), b'')
             topic = self.by_name.get(full_name)
-            if topic in _KEPT:
+            if topic in topics.KEPT:
                 if (topic, data) in kept:
                     continue
                 kept.add((topic, data))

@@ -67,9 +67,7 @@ def _note_interval(s: State, interval_ns: int) -> None:
     s.counters[fs.ODD] = min(odd + _ODD, 4 * _MOST_ODD) if n == 0 else max(odd - 1, 0)
     slower = _SLOWER if n < 2 else _SELDOM * _SLOWER
     shorter = n == 0 and interval_ns < usual_ns
-    if interval_ns == usual_ns:
-        pass
-    elif not shorter:
+    if not shorter:
         s.counters[fs.USUAL_NS] = min(interval_ns, usual_ns + usual_ns // slower)
     elif interval_ns >= _LEAST_NS and _multiple(interval_ns, max(before_ns, 1)) == 1:
         s.counters[fs.USUAL_NS] = interval_ns
