@@ -202,6 +202,43 @@ def test_losses_are_counted_by_the_publishers_numbers(record):
     assert bag.topics[PACKET].count == 0
 
 
+def test_what_publishers_keep_says_nothing_of_the_present(record):
+    """A recorder that is started again hears a restart of long ago before it hears the clock."""
+    recording, finish = record(simulated=True)
+    recording.add_topic('/kept', TYPES[TRUTH], kept=True)
+    recording.take('/kept', truth(1), WALL_NS)
+    recording.commit()
+    assert recording.waiting == 1
+    recording.take(CLOCK, clock(stamp_ns(500)), WALL_NS)
+    recording.commit()
+    recording.take(IMU, imu(501), WALL_NS)
+    recording.take('/kept', truth(2), WALL_NS)
+    recording.commit()
+    bag = finish()
+    assert filed(bag) == [
+        ('/kept', stamp_ns(500)),
+        (CLOCK, stamp_ns(500)),
+        ('/kept', stamp_ns(500)),
+        (IMU, stamp_ns(500)),
+    ]
+    assert [r.publish_time_ns for r in bag.records(['/kept'])] == [stamp_ns(1), stamp_ns(2)]
+
+
+def test_what_came_before_a_next_file_is_not_unheard(tmp_path):
+    """It stands in the file before, which a recorder that was killed left without its counts."""
+    for resume, number in ((False, 1), (True, 7)):
+        writer = BagWriter(tmp_path / 'b', {}, resume=resume, chunk_bytes=1024, flush_s=0.0)
+        recording = Recording(writer, simulated=False)
+        recording.add_topic(IMU, TYPES[IMU])
+        recording.take(IMU, imu(number), WALL_NS + number * SECOND, number)
+        recording.commit()
+        if not resume:
+            recording.abandon()
+    bag = open_bag(recording.finish())
+    assert len(bag.files) == 2
+    assert bag.unheard(IMU) == 0
+
+
 def test_offered_profiles_are_asked_at_the_first_message(record):
     asked = []
 

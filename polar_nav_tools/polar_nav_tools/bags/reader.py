@@ -216,13 +216,13 @@ class Bag:
 
     def unheard(self, topic: str) -> int:
         """Number of messages published before the recorder heard the topic; 0 where unknown."""
-        for file in self.files:
-            for _, record in run_records(file):
-                found = json_or_none(record.get('recording', ''))
-                for key in ('topics', topic, 'unheard'):
-                    found = found.get(key) if isinstance(found, dict) else None
-                if isinstance(found, int):
-                    return found
+        # Before the first file: what came before another one may stand in the file before it.
+        for _, record in run_records(self.files[0]):
+            found = json_or_none(record.get('recording', ''))
+            for key in ('topics', topic, 'unheard'):
+                found = found.get(key) if isinstance(found, dict) else None
+            if isinstance(found, int):
+                return found
         return 0
 
     @property

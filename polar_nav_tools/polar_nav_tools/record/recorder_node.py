@@ -145,8 +145,8 @@ class RecorderNode(PolarNode[RecorderParams]):
     def _record(
         self, topic: str, type_name: str, msg_type: type[Any], offered: Sequence[Qos]
     ) -> None:
-        self._recording.add_topic(topic, type_name)
         reliable, latched = request_for(offered) if offered else (True, topic.endswith(_LATCHED))
+        self._recording.add_topic(topic, type_name, kept=latched)
 
         @informed
         def on_first(data: bytes, about: dict[str, Any]) -> None:

@@ -43,11 +43,13 @@ class TopicCount:
     `lost` counts holes in the publisher's own numbers; None when several publishers share the
     topic, whose numbers then say nothing. `recorded` is whether the present file has the topic,
     `before` what was lost before that file. `unheard` is what its publisher had published before
-    the first message that came here.
+    the first message that came here. `kept` is whether publishers keep messages for who finds them
+    late, whose stamps say nothing of the present.
     """
 
     type: str
     header: bool
+    kept: bool = False
     count: int = 0
     bytes: int = 0
     lost: int | None = 0
@@ -91,6 +93,7 @@ class _Waiting:
     topic: str = field(compare=False)
     data: bytes = field(compare=False)
     stamp_ns: int | None = field(compare=False)
+    kept: bool = field(compare=False)
 
 
 class Recording:
@@ -159,8 +162,8 @@ class Recording:
         """Number of messages not yet written because simulated time is still unknown."""
         return len(self._burst)
 
-    def add_topic(self, topic: str, type_name: str) -> None:
-        """Add a topic to the bag.
+    def add_topic(self, topic: str, type_name: str, *, kept: bool = False) -> None:
+        """Add a topic to the bag; ``kept`` as of `TopicCount`.
 
         Raises
         ------
@@ -171,7 +174,7 @@ class Recording:
         header = described.has_header or described.type == CLOCK_TYPE
         if self._simulated and described.type.startswith(_WALL_CLOCK_PACKAGES):
             header = False
-        self._topics.setdefault(topic, TopicCount(described.type, header))
+        self._topics.setdefault(topic, TopicCount(described.type, header, kept))
 
     def take(
         self, topic: str, data: bytes, received_ns: int, publication: int | None = None
@@ -195,10 +198,10 @@ class Recording:
         key = received_ns
         if self._simulated:
             key = self._now_ns if stamp is None else stamp
-            if stamp is not None:
+            if stamp is not None and not entry.kept:
                 self._advance(entry.type, stamp)
         entry.last_key = key = max(key, entry.last_key)
-        self._burst.append(_Waiting(key, len(self._burst), topic, data, stamp))
+        self._burst.append(_Waiting(key, len(self._burst), topic, data, stamp, entry.kept))
 
     def commit(self) -> None:
         """Write the queued messages in the order of their times.
@@ -262,7 +265,7 @@ class Recording:
         burst.sort()
         if self._simulated and self._last_ns == 0 and burst:
             # What came before the simulation stands right before its first message.
-            times = [w.key for w in burst if 0 < w.key <= self._now_ns]
+            times = [w.key for w in burst if 0 < w.key <= self._now_ns and not w.kept]
             self._last_ns = min(times, default=self._now_ns)
         for w in burst:
             time_ns = w.key if not self._simulated else min(w.key, self._now_ns)
