@@ -15,6 +15,7 @@ from polar_nav_core.engine import ledger as ledger_module
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.ledger import Believed, FixLedger
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.receipt_rows import Receipts
 from polar_nav_core.engine.results import FixResult, Outcome, chi2_gate
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels.sins.rings import DOF, ENLARGEMENT, OUTCOME
@@ -336,7 +337,8 @@ def test_many_fixes_at_once_are_counted_like_one_after_another():
         one.ledger.received += 1
         singly.append(one.decide(f, now_ns=105 * S))
         one.ledger.remember(f, f.validity_ns, fused=True)
-    together = many.ledger.fused(fixes, outcomes, notes)
+    together = Receipts()
+    together.extend_fused(many.ledger.fused(fixes, outcomes, notes))
     assert [repr(r) for r in together] == [repr(r) for r in singly]
     assert many.ledger.counts() == one.ledger.counts() == (3, 3, 102 * S)
     assert many.verdicts == one.verdicts

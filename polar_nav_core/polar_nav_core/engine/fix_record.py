@@ -89,6 +89,8 @@ class FixRecord:
         """
         tick = validity_ns // TICK_NS
         name, content = 0, None
+        if not self._ticks or (self._ticks[-1] < tick and tick - WRAP < self._ticks[0]):
+            return None  # nearly always
         for then in (tick, tick - WRAP):
             place = bisect_left(self._ticks, then)
             while place < len(self._ticks) and self._ticks[place] == then:

@@ -128,7 +128,9 @@ class FixesAtOnce:
             engine.admit(done[0])
             if fused > 1:  # those between are in order
                 engine.admit(done[-1])
-            collector.receipts.extend(engine.ledger.fused(done, outcomes[:fused], notes[:fused]))
+            collector.receipts.extend_fused(
+                engine.ledger.fused(done, outcomes[:fused], notes[:fused])
+            )
             arrays.settled(done, outcomes[:fused])
             settled += fused
         if fused < len(outcomes) and outcomes[fused, 0] >= 0.0:  # else the filter was lost here

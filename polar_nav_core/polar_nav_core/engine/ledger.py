@@ -17,7 +17,7 @@ from .integrity import IntegrityMonitor
 from .level import levelled
 from .outputs import Receipt
 from .params import EngineParams
-from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
+from .receipts import FusedFixes, age_s, decided_receipt, refused_verdict
 from .refusals import unusable_fix
 from .results import FixResult
 from .sender_clock import SenderClock
@@ -289,8 +289,8 @@ class FixLedger:
             del self._revisions[next(iter(self._revisions))]
         return number
 
-    def fused(self, fixes: Sequence[Fix], outcomes: Array, notes: Ints) -> list[Receipt]:
-        """Receipts of consecutive fixes that were all fused; see `fused_receipts`.
+    def fused(self, fixes: Sequence[Fix], outcomes: Array, notes: Ints) -> FusedFixes:
+        """What the receipts of consecutive fixes are made of that were all fused.
 
         None was refused before them since the newest that was fused.
         """
@@ -304,4 +304,4 @@ class FixLedger:
         self.refused_row.clear()
         for fix in fixes:
             self.remember(fix, fix.validity_ns, fused=True)
-        return fused_receipts(fixes, outcomes, notes, self._configuration)
+        return FusedFixes(fixes, outcomes, notes, self._configuration)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby, islice
 from typing import Any, overload
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import spilled
 from .outputs import Receipt
+from .receipts import FusedFixes, joined
 from .verdicts import Verdict
 
 _KEPT = 4096
@@ -48,6 +49,9 @@ class Receipts(Sequence[Receipt]):
         self._rows, self._reasons = spilled.Rows(_ROW), spilled.Rows(np.uint8)
         self._words: dict[str, int] = {}
         self._new: list[Receipt] = []
+        self._fused: list[FusedFixes] = []
+        """Fixes behind all others whose receipts nobody has asked for."""
+        self._waiting = 0
         self._blocks: dict[int, list[Receipt]] = {}
         self.extend(receipts)
 
@@ -59,14 +63,23 @@ class Receipts(Sequence[Receipt]):
         """Add receipts in their order."""
         rest = iter(receipts)
         while some := list(islice(rest, _MADE)):
+            self._write_fused()
             self._new += some
             if len(self._new) > _KEPT:
                 self._settle()
 
+    def extend_fused(self, fixes: FusedFixes) -> None:
+        """Add the receipts of fixes that were fused, which are written many at a time."""
+        self._fused.append(fixes)
+        self._waiting += len(fixes)
+        if self._waiting >= _MADE:
+            self._write_fused()
+
     def __len__(self) -> int:
-        return len(self._rows) + len(self._new)
+        return len(self._rows) + len(self._new) + self._waiting
 
     def __iter__(self) -> Iterator[Receipt]:
+        self._write_fused()
         for number in range(-(-len(self._rows) // _MADE)):
             yield from self._made(number)
         yield from self._new
@@ -80,6 +93,7 @@ class Receipts(Sequence[Receipt]):
     def __getitem__(self, index: int | slice) -> Receipt | tuple[Receipt, ...]:
         if isinstance(index, slice):
             return tuple(self[k] for k in range(*index.indices(len(self))))
+        self._write_fused()
         place = range(len(self))[index]
         rows = len(self._rows)
         return self._new[place - rows] if place >= rows else self._at(place)
@@ -100,20 +114,33 @@ class Receipts(Sequence[Receipt]):
         return {n: words[rows[n]] if n in _WORDS else rows[n].copy() for n in names}
 
     def _settle(self) -> None:
-        """Put all objects into rows."""
-        if not self._new:
+        """Put all receipts into rows."""
+        new, self._new = self._new, []
+        if new:
+            self._write({name: [getattr(r, name) for r in new] for name in _NAMES})
+        self._write_fused()
+
+    def _write_fused(self) -> None:
+        """Put the receipts of fused fixes into rows, and all that came before."""
+        if not self._fused:
             return
-        texts = [r.reason.encode('utf-8', 'surrogatepass') for r in self._new]
-        rows = np.zeros(len(self._new), _ROW)
-        for name in _NAMES:
+        waiting, self._fused, self._waiting = self._fused, [], 0
+        self._settle()
+        for _, group in groupby(waiting, key=lambda fused: fused.chosen):
+            self._write(joined(list(group)).columns())
+
+    def _write(self, columns: Mapping[str, Any]) -> None:
+        """Append rows of these fields of receipts, each a column or one value for all."""
+        texts = [reason.encode('utf-8', 'surrogatepass') for reason in columns['reason']]
+        rows = np.zeros(len(texts), _ROW)
+        for name, values in columns.items():
             if name in _WORDS:
-                rows[name] = [self._number(getattr(r, name)) for r in self._new]
+                rows[name] = [self._number(word) for word in values]
             elif name != 'reason':
-                rows[name] = [getattr(r, name) for r in self._new]
+                rows[name] = values
         rows['reason'] = len(self._reasons) + np.cumsum([len(text) for text in texts])
         self._reasons.extend(np.frombuffer(b''.join(texts), np.uint8))
         self._rows.extend(rows)
-        self._new = []
         self._blocks.clear()  # the last one was not full
 
     def _number(self, word: str) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -85,12 +86,11 @@ def decided_receipt(
     )
 
 
-def fused_receipts(
-    fixes: Sequence[Fix], outcomes: Array, notes: Ints, chosen: Configuration
-) -> list[Receipt]:
-    """Receipts of fixes that were fused in order of arrival, each equal to `decided_receipt`.
+@dataclass(frozen=True)
+class FusedFixes:
+    """Fixes that were fused in order of arrival: their receipts, still to be written.
 
-    Parameters
+    Attributes
     ----------
     fixes : sequence of Fix
     outcomes : (n, OUTCOME) array
@@ -99,33 +99,58 @@ def fused_receipts(
         As in `Streams.fix_notes`: steps, stamp of the filter's state, rows of output.
     chosen : Configuration
     """
-    innovations_G, variances_G = -outcomes[:, 2:5], outcomes[:, 5:8]
-    nis, enlargements = outcomes[:, 1].tolist(), outcomes[:, rings.ENLARGEMENT].tolist()
-    dof = outcomes[:, rings.DOF].astype(np.int64).tolist()
-    numbers = (nis, dof, enlargements, *notes[:, :2].T.tolist())
-    rows = zip(fixes, *numbers, innovations_G, variances_G, strict=True)
-    return [
-        Receipt(
-            fix.receive_ns,
-            Verdict.FUSED,
-            _fused_reason(fix, nis) + (_weight(enlargement, chosen) if enlargement > 1.0 else ''),
-            fix.topic,
-            fix.source,
-            fix.sequence,
-            fix.validity_ns,
-            fix.transmit_ns,
-            fix.receive_ns,
-            stamp_ns,
-            chosen.delay_handling,
-            steps,
-            innovation_G,
-            variance_G,
-            nis,
-            dof,
-            chi2_gate(chosen.gate_probability, dof),
-        )
-        for fix, nis, dof, enlargement, steps, stamp_ns, innovation_G, variance_G in rows
-    ]
+
+    fixes: Sequence[Fix]
+    outcomes: Array
+    notes: Ints
+    chosen: Configuration
+
+    def __len__(self) -> int:
+        return len(self.fixes)
+
+    def columns(self) -> dict[str, Any]:
+        """Fields of their receipts by name, each equal to those of `decided_receipt`.
+
+        Columns, or one value for all.
+        """
+        fixes, outcomes, chosen = self.fixes, self.outcomes, self.chosen
+        nis, enlargements = outcomes[:, 1], outcomes[:, rings.ENLARGEMENT].tolist()
+        dof = outcomes[:, rings.DOF].astype(np.int64)
+        reasons = [
+            _fused_reason(fix, x) + (_weight(enlargement, chosen) if enlargement > 1.0 else '')
+            for fix, x, enlargement in zip(fixes, nis.tolist(), enlargements, strict=True)
+        ]
+        receive_ns = [fix.receive_ns for fix in fixes]
+        return {
+            'stamp_ns': receive_ns,
+            'verdict': Verdict.FUSED,
+            'reason': reasons,
+            'topic': [fix.topic for fix in fixes],
+            'source': [fix.source for fix in fixes],
+            'sequence': [fix.sequence for fix in fixes],
+            'validity_ns': [fix.validity_ns for fix in fixes],
+            'transmit_ns': [fix.transmit_ns for fix in fixes],
+            'receive_ns': receive_ns,
+            'fused_ns': self.notes[:, 1],
+            'delay_handling': [chosen.delay_handling] * len(fixes),
+            'steps_rolled_back': self.notes[:, 0],
+            'innovation_G': -outcomes[:, 2:5],
+            'innovation_variance_G': outcomes[:, 5:8],
+            'nis': nis,
+            'dof': dof,
+            'gate': [chi2_gate(chosen.gate_probability, k) for k in dof.tolist()],
+            'revision': 0,
+        }
+
+
+def joined(parts: Sequence[FusedFixes]) -> FusedFixes:
+    """Fixes of several parts, of one configuration, one behind the other."""
+    return FusedFixes(
+        [fix for part in parts for fix in part.fixes],
+        np.concatenate([part.outcomes for part in parts]),
+        np.concatenate([part.notes for part in parts]),
+        parts[0].chosen,
+    )
 
 
 def refused_verdict(outcome: Outcome) -> Verdict:
