@@ -16,9 +16,10 @@ from polar_nav_tools.bags import open_bag
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.hold.drive import drive
 from polar_nav_tools.experiments.hold.judge import Errors, first_new, judge
-from polar_nav_tools.experiments.hold.messages import start_ns_of, with_fault
+from polar_nav_tools.experiments.hold.messages import start_ns_of, with_faults
 from polar_nav_tools.experiments.hold.offline import write
 from polar_nav_tools.experiments.hold.plan import COLUMNS, FAULTS, _world_of, plan, run_job
+from polar_nav_tools.experiments.hold.random_rows import PREFIXES
 from polar_nav_tools.experiments.hold.rows import ROWS, rows_named
 from polar_nav_tools.experiments.hold.table import tables
 from polar_nav_tools.experiments.hold.trace import Listener, Trace, Word
@@ -26,6 +27,7 @@ from polar_nav_tools.experiments.received import message_of
 from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.runner import tasks_of
 from polar_nav_tools.experiments.station_choices import StationChoices
+from polar_nav_tools.inject import faults as injected
 from polar_nav_tools.inject.bag import inject_bag
 from polar_nav_tools.inject.readings import NS
 from polar_nav_tools.replay.by_message import replay
@@ -104,6 +106,25 @@ def test_only_new_words_report():
     assert first_new((long_ago, *words, new), (usual,), START_S) == new
 
 
+def test_random_rows_are_those_of_their_numbers_and_can_be_injected():
+    for prefix in PREFIXES:
+        rows = rows_named(f'{prefix}1-400')
+        assert len(rows) == 400
+        assert rows_named(f'{prefix}7') == [rows[6]]
+        mode = rows[0].mode
+        known = {f.name for f in injected.FAULTS.values() if mode in f.modes}
+        if prefix == 'random-no-dvl:':
+            known = {name for name in known if not name.startswith('dvl_')}
+        assert {one.fault.name for row in rows for one in row.injections} == known
+        assert 0.2 < np.mean([len(row.injections) == 2 for row in rows]) < 0.4
+        for row in rows:  # what is said of it is what `./polar inject` makes
+            assert tuple(injected.parse(text) for text in row.text.split()) == row.injections
+            assert row.text in row.name
+            assert row.at_s == 120.0
+    with pytest.raises(ConfigError, match="'random:x' has no number"):
+        rows_named('random:x')
+
+
 def test_rows_and_columns():
     assert len(ROWS) >= 40
     assert [r.name for r in rows_named('imu_2038,clock*')] == [
@@ -175,11 +196,11 @@ def test_a_run_is_what_a_replay_of_an_injected_bag_gives(tmp_path, row):
     end_ns = start_ns_of(made.world) + 100 * NS
     clean = drive(params, made.messages, start_ns_of(made.world), end_ns)
     bag = write(tmp_path / 'clean', params, clean.record, start_ns_of(made.world))
-    injection = replace(job.row.injection, at_s=60.0 - 0.02)  # from the first sample on
+    injection = replace(job.row.injections[0], at_s=60.0 - 0.02)  # from the first sample on
     inject_bag(open_bag(bag), [injection], tmp_path / 'faulty', job.seed)
     found = replay(open_bag(tmp_path / 'faulty'))
     messages = [
-        m for m in with_fault(made.messages, injection, job.seed) if m.reading.true_ns <= end_ns
+        m for m in with_faults(made.messages, [injection], job.seed) if m.reading.true_ns <= end_ns
     ]
     live = drive(params, messages, start_ns_of(made.world), end_ns + 60 * NS)
     states = [one.data for one in live.record if one.topic == STATE]

@@ -16,7 +16,7 @@ from polar_nav_follower.params import FollowerParams
 
 from ..experiments.hold import messages
 from ..experiments.hold.drive import drive
-from ..experiments.hold.messages import params_of, start_ns_of, taken, with_fault
+from ..experiments.hold.messages import params_of, start_ns_of, taken, with_faults
 from ..experiments.jobs import RunResult
 from ..experiments.mismatch.health import health_history
 from ..experiments.mismatch.judge import (
@@ -98,7 +98,7 @@ def _driven(job: CampaignJob, scene: Scene, world: Any, changes: dict[str, Any])
     """Result of a run message by message, as the node takes them, with a fault in them."""
     assert job.point.injection is not None
     params = params_of(world, {**scene.changes, **changes})
-    found = with_fault(taken(received(world.inputs)), job.point.injection, job.seed)
+    found = with_faults(taken(received(world.inputs)), [job.point.injection], job.seed)
     start_ns = start_ns_of(world)
     until_ns = start_ns + round(scene.duration_s * 1e9)
     start = time.process_time()

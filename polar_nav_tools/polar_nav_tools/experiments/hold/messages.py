@@ -44,10 +44,12 @@ def taken(messages: Sequence[Received]) -> list[Taken]:
     ]
 
 
-def with_fault(messages: Sequence[Taken], injection: Injection, seed: int) -> list[Taken]:
-    """Messages with a fault, as they arrive; those that it leaves alone keep their bytes."""
+def with_faults(
+    messages: Sequence[Taken], injections: Sequence[Injection], seed: int
+) -> list[Taken]:
+    """Messages with faults, as they arrive; those that they leave alone keep their bytes."""
     before = [one.reading for one in messages]
-    return [_changed(messages[r.number], r) for r in inject(before, [injection], seed)]
+    return [_changed(messages[r.number], r) for r in inject(before, injections, seed)]
 
 
 def _changed(old: Taken, reading: Reading) -> Taken:

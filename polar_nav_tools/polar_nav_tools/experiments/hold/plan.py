@@ -26,9 +26,10 @@ from ..suite import Paper, engine_suite
 from ..world import World
 from .drive import Taken, drive
 from .judge import Errors, Judged, judge
-from .messages import errors_of, params_of, start_ns_of, taken, with_fault
+from .messages import errors_of, params_of, start_ns_of, taken, with_faults
 from .offline import equals, replayed, trace_of
-from .rows import Row, rows_named
+from .row import Row
+from .rows import rows_named
 from .table import long_table, tables
 from .trace import Trace
 
@@ -131,15 +132,14 @@ def _run(made: _Made, job: FaultJob, messages: Sequence[Taken]) -> _Ran:
 
 
 def _judged(job: FaultJob, clean: _Published, found: _Published) -> Judged:
-    injection, until_s = job.row.injection, job.row.scene.duration_s
     return judge(
         clean.errors,
         clean.trace.words,
         found.errors,
         found.trace,
-        injection.at_s,
-        injection.end_s,
-        until_s,
+        job.row.at_s,
+        job.row.end_s,
+        job.row.scene.duration_s,
     )
 
 
@@ -153,7 +153,7 @@ def run_job(job: FaultJob) -> FaultResult:
     clean = made.clean[key]
     stopped = ''
     try:
-        ran = _run(made, job, with_fault(made.messages, job.row.injection, job.seed))
+        ran = _run(made, job, with_faults(made.messages, job.row.injections, job.seed))
     except Exception as error:  # noqa: BLE001 - the node would end: the worst of all results
         stopped = f'{type(error).__name__}: {error}'
         nothing = Trace.nothing(stopped)
@@ -236,9 +236,9 @@ def _describe(jobs: Sequence[FaultJob]) -> dict[str, Any]:
         },
         'groups': {
             name: {
-                'about': row.injection.fault.doc,
+                'about': row.about,
                 'mode': row.mode,
-                'fault': row.injection.text,
+                'fault': row.text,
                 'duration_s': row.scene.duration_s,
             }
             for name, row in rows.items()

@@ -1,24 +1,18 @@
-"""Rows of the experiment `faults`: one injected fault each, with its scene."""
+"""Rows of the experiment `faults`: one injected fault each, and a selection by name."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from polar_nav_core.arrays import Array
-from polar_nav_sim.offline_station import StationScenario
 
-from ...inject.faults import Injection, parse
-from ..mismatch.row import scene_of
-from ..mismatch.scenes import Scene, StationScene
+from ...inject.faults import parse
+from ..draws import numbers_after
 from ..request import rows_matching
 from ..station.world import NS, StationWorld
 from ..world import World
-
-START_S = 120.0
-_AFTER_S = 160.0
-"""Length of a run after its fault began: a fault of 60 s, a minute, ten fixes."""
+from .random_rows import PREFIXES, random_row
+from .row import START_S, Row, inertial, station
 
 _SINS = (
     'imu_silent:0.3', 'imu_silent:1', 'imu_silent:3', 'imu_silent:20', 'imu_silent:inf',
@@ -61,37 +55,17 @@ _STATION = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Row:
-    """One injected fault in a scene.
-
-    Attributes
-    ----------
-    name : str
-        The fault with its size; ``no_dvl/`` and ``station/`` before those of a vehicle without
-        a DVL and of station mode.
-    injection : Injection
-    scene : SinsScene or StationScene
-    """
-
-    name: str
-    injection: Injection
-    scene: Scene
-
-    @property
-    def mode(self) -> str:
-        """Mode of the engine."""
-        return self.scene.mode
-
-
 def _rows() -> dict[str, Row]:
-    duration_s = START_S + _AFTER_S
-    sins = scene_of(duration_s=duration_s)
-    without = scene_of(duration_s=duration_s, dvl_rate_hz=0.0)
-    station = StationScene(replace(StationScenario(), duration_s=duration_s))
-    rows = [Row(text, parse(f'{text}@{START_S:g}'), sins) for text in _SINS]
-    rows += [Row(f'no_dvl/{t}', parse(f'{t}@{START_S:g}'), without) for t in _WITHOUT_DVL]
-    rows += [Row(f'station/{t}', parse(f'{t}@{START_S:g}'), station) for t in _STATION]
+    groups = (
+        ('', _SINS, inertial()),
+        ('no_dvl/', _WITHOUT_DVL, inertial(dvl_rate_hz=0.0)),
+        ('station/', _STATION, station()),
+    )
+    rows = [
+        Row(f'{prefix}{text}', (parse(f'{text}@{START_S:g}'),), scene)
+        for prefix, texts, scene in groups
+        for text in texts
+    ]
     return {row.name: row for row in rows}
 
 
@@ -101,12 +75,24 @@ ROWS = _rows()
 def rows_named(patterns: str | None) -> list[Row]:
     """Rows whose names match comma-separated shell patterns; all without any.
 
+    Numbers after one of `PREFIXES` are rows drawn at random.
+
     Raises
     ------
     ConfigError
-        For a pattern that matches none.
+        For a pattern that matches none, or a prefix that no number follows.
     """
-    return [ROWS[name] for name in rows_matching(patterns, ROWS)]
+    chosen: dict[str, Row] = {}
+    for word in (patterns or '*').split(','):
+        pattern = word.strip()
+        prefix = next((p for p in PREFIXES if pattern.startswith(p)), '')
+        found = (
+            [random_row(prefix, number) for number in numbers_after(prefix, pattern)]
+            if prefix
+            else [ROWS[name] for name in rows_matching(pattern, ROWS)]
+        )
+        chosen |= {row.name: row for row in found}
+    return list(chosen.values())
 
 
 def true_positions(world: World | StationWorld, time_s: Array) -> Array:

@@ -1,14 +1,14 @@
-"""Rows drawn at random: values of faults, and the words for what was drawn."""
+"""Rows drawn at random, and the words for what was drawn."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from ..draws import OneOf, Size
 from .culprits import DEPTH, DVL, FIXES, HEADING, IMU, MODEL
 from .faults import Fault
 from .row import Row
@@ -18,41 +18,6 @@ ANYBODY = (FIXES, DVL, DEPTH, IMU, HEADING, MODEL)
 """Nobody is named as the culprit: any report is right."""
 TWO = 0.25
 """Share of rows with two faults."""
-
-
-@dataclass(frozen=True)
-class Size:
-    """A size between two, each power of ten as likely; ``signed``: of either sign."""
-
-    low: float
-    high: float
-    signed: bool = False
-
-    def draw(self, rng: np.random.Generator) -> float:
-        """Return one."""
-        size = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
-        return -size if self.signed and rng.random() < 0.5 else size
-
-
-@dataclass(frozen=True)
-class Way(Size):
-    """A vector of such a length in any direction."""
-
-    def draw(self, rng: np.random.Generator) -> Any:  # noqa: ANN401 - another type than Size
-        """Return one."""
-        way = rng.standard_normal(3)
-        return tuple((super().draw(rng) / np.linalg.norm(way) * way).tolist())
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """One of some values."""
-
-    values: tuple[Any, ...]
-
-    def draw(self, rng: np.random.Generator) -> Any:  # noqa: ANN401 - of any type
-        """Return one."""
-        return self.values[int(rng.integers(len(self.values)))]
 
 
 F = TypeVar('F', bound=Fault)

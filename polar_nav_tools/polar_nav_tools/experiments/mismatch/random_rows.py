@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 
+from ..draws import OneOf, Size, Way
 from . import dvl_faults as d
 from . import faults as f
 from . import fix_faults as x
 from . import imu_faults as m
-from .draws import Draw, Kind, OneOf, Size, Way
+from .draws import Draw, Kind
 from .faults import Fault
 from .row import LEVEL, RACETRACK, SINS, START_S, TACTICAL, scene_of
 

@@ -9,9 +9,10 @@ import math
 
 from polar_nav_sim.offline_station import StationScenario
 
+from ..draws import OneOf, Size
 from . import station_faults as s
 from . import station_motion as m
-from .draws import Draw, Kind, OneOf, Size
+from .draws import Draw, Kind
 from .row import STATION
 from .scenes import StationScene
 

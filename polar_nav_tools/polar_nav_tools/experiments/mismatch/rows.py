@@ -9,6 +9,7 @@ from fnmatch import fnmatchcase
 
 from polar_nav_core.errors import ConfigError
 
+from ..draws import numbers_after
 from .dvl_rows import DEPTH_ROWS, DVL_ROWS
 from .faults import Fault
 from .fix_rows import DELAY_ROWS, FIX_ROWS
@@ -75,7 +76,8 @@ def rows_named(pattern: str | None) -> list[Row]:
     for word in (w.strip() for w in pattern.split(',')):
         drawn = next((prefix for prefix in _DRAWN if word.startswith(prefix)), '')
         if drawn:
-            chosen |= {r.name: r for r in _random_rows(drawn, word)}
+            rows = [_DRAWN[drawn](number) for number in numbers_after(drawn, word)]
+            chosen |= {r.name: r for r in rows}
             continue
         more = word.startswith(MORE)
         sought = word.removeprefix(MORE)
@@ -88,18 +90,6 @@ def rows_named(pattern: str | None) -> list[Row]:
             )
         chosen |= found
     return list(chosen.values())
-
-
-def _random_rows(prefix: str, word: str) -> list[Row]:
-    """Rows of a number, or of all from one to another."""
-    first, dash, last = word.removeprefix(prefix).partition('-')
-    ends = (first, last) if dash else (first, first)
-    if not all(end.isdecimal() for end in ends):
-        raise ConfigError(f'--rows: {word!r} has no number; for example {prefix}7 or {prefix}1-50')
-    numbers = range(int(ends[0]), int(ends[1]) + 1)
-    if not numbers:
-        raise ConfigError(f'--rows: {word!r} ends before it begins')
-    return [_DRAWN[prefix](number) for number in numbers]
 
 
 def rows_by_table(*, more: bool) -> list[str]:
