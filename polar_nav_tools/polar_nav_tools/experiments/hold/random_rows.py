@@ -6,14 +6,15 @@ The other rows are what somebody thought of. A row of a number is the same where
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...inject.faults import FAULTS, Fault, Injection
 from ..draws import OneOf, Size
+from ..mismatch.row import TACTICAL
 from ..mismatch.scenes import Scene
-from .row import START_S, Row, inertial, station
+from .row import DURATION_S, START_S, Row, inertial, station
 
 _TWO = 0.3
 """Share of rows with two faults."""
@@ -120,6 +121,7 @@ _DRAWS = {
             'racetrack': inertial(mission='racetrack'),
             'lawnmower': inertial(mission='lawnmower'),
             'dive': inertial(mission='dive'),
+            'tactical': replace(TACTICAL, world=replace(TACTICAL.world, duration_s=DURATION_S)),
         },
         'sins',
     ),
