@@ -227,7 +227,9 @@ def taken(block, capacity):
     slots = np.full(65536, -1, dtype=np.int16)
     slots[1], slots[65535] = 0, 1
     parts = [[4, 8, 0], [24, 24, 8 * capacity]]
-    tables = np.array([[0, capacity, SIZE, 0, 2, 0, 2], [0, capacity, -1, 2, 2, 2, 2]])
+    tables = np.array(
+        [[0, capacity, capacity, SIZE, 0, 2, 0, 2], [0, capacity, capacity, -1, 2, 2, 2, 2]]
+    )
     guarded = np.full(32 * capacity + 2 * GUARD, 0xAB, dtype=np.uint8)
     buffer = guarded[GUARD : GUARD + 32 * capacity]
     odd, io, found, at = np.zeros((3, 4), np.int64), np.zeros(1, np.int64), [], 0

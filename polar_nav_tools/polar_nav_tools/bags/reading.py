@@ -12,19 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core import spilled
+from polar_nav_core.spilled_table import Table
 from polar_nav_tools.bags.kernels import records
 
 from .columns import read_columns
 from .contents import FileScan
 from .errors import BagError
-from .read_plan import Part, ReadPlan, Wanted
+from .read_plan import ReadPlan, Wanted
 from .reader import Bag
 from .request import Request, Tables
 
 _ODD = 4096
-_KEPT_BYTES = 1 << 24
-"""What is read of the bag before memory is given back."""
 _CHANNELS = 1 << 16
 _LOW = 0xFFFF_FFFF
 
@@ -45,8 +43,11 @@ class Reading:
         self._out = Tables()
         self._out.payloads = {t: [] for t in request.raw}
         self._slots = np.full(_CHANNELS, -1, dtype=np.int16)
-        self._buffer = spilled.empty(self._plan.size, np.uint8)
-        self._touched = 0
+        self._buffer = np.empty(self._plan.size, np.uint8)
+        self._tables = [
+            Table({p.names[0]: p.of(np.empty(0, np.uint8)) for p in one.parts}, one.rows)
+            for one in self._plan.wanted
+        ]
         self._words = self._buffer.view(np.int64)
         self._odd = np.zeros((_ODD, 4), dtype=np.int64)
         self._io = np.zeros(1, dtype=np.int64)
@@ -67,10 +68,6 @@ class Reading:
         BagError
             If it differs from the scan of the bag, or a message is not of its type.
         """
-        self._touched += usable
-        if self._touched > _KEPT_BYTES:
-            spilled.give_back()
-            self._touched = 0
         block = np.frombuffer(content, dtype=np.uint8)
         at = 0
         while at < usable:
@@ -94,6 +91,30 @@ class Reading:
                 raise self._changed('a block has other records than before')
             if self._io[0]:
                 self._odd_ones(content)
+            if at < usable:  # there was no room
+                self._write()
+
+    def _write(self) -> None:
+        """Write the rows in the buffer to the tables of their topics."""
+        for slot, (one, table) in enumerate(zip(self._plan.wanted, self._tables, strict=True)):
+            rows = int(self._plan.tables[slot, records.ROWS]) - one.written
+            if rows:
+                columns = self._held(one, rows)
+                table.append(
+                    {
+                        p.names[0]: _nanoseconds(column) if p.is_time else column
+                        for p, column in zip(one.parts, columns, strict=True)
+                    }
+                )
+                one.written += rows
+                self._plan.aim(slot)
+
+    def _held(self, one: Wanted, rows: int) -> list[NDArray[Any]]:
+        """So many rows of a topic that are in the buffer, column by column; views."""
+        return [
+            p.of(self._buffer[place : place + p.width * rows])
+            for p, place in zip(one.parts, one.places, strict=True)
+        ]
 
     def tables(self) -> Tables:
         """Return all arrays, after the last block.
@@ -103,15 +124,13 @@ class Reading:
         BagError
             If messages are missing.
         """
-        for one in self._plan.wanted:
+        self._write()
+        for one, table in zip(self._plan.wanted, self._tables, strict=True):
             rows = int(self._plan.tables[self._plan.slots[one.topic], records.ROWS])
             if rows != one.rows:
                 raise self._changed(f'{one.topic} has {rows} messages instead of {one.rows}')
             self._out.odd[one.topic] = one.odd
-            self._out.columns[one.topic] = {
-                p.names[0]: _nanoseconds(column) if p.is_time else column
-                for p, column in ((p, self._column(p, one.rows)) for p in one.parts)
-            }
+            self._out.columns[one.topic] = table.columns()
         return self._out
 
     def _odd_ones(self, content: bytes) -> None:
@@ -143,9 +162,8 @@ class Reading:
         got = read_columns(
             (data for _, data in rows), one.type_name, one.text, [*names, *one.texts]
         )
-        at = np.array([row for row, _ in rows])
-        for p in one.parts:
-            column = self._column(p, one.rows)
+        at = np.array([row for row, _ in rows]) - one.written
+        for p, column in zip(one.parts, self._held(one, one.room), strict=True):
             values = got[p.names[0]]
             if p.is_time:
                 high = got[p.names[1]].astype(np.int64) << 32
@@ -156,17 +174,11 @@ class Reading:
                 raise BagError(f'field {p.names[0]} has rows of different length')
             column[at] = values
 
-    def _column(self, part: Part, rows: int) -> NDArray[Any]:
-        raw = self._buffer[part.place : part.place + part.width * rows]
-        return raw.view(part.dtype).reshape((rows, part.count) if part.is_row else rows)
-
     def _changed(self, what: str) -> BagError:
         return BagError(f'{self._bag.path} was changed while it was read: {what}')
 
 
-def _nanoseconds(raw: NDArray[Any]) -> NDArray[np.int64]:
-    """Replace seconds and nanoseconds by nanoseconds, in place."""
-    for part in spilled.parts(len(raw)):
-        seconds = (raw[part] << 32) >> 32  # signed
-        raw[part] = seconds * 1_000_000_000 + (raw[part] >> 32 & _LOW)
-    return raw
+def _nanoseconds(raw: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Nanoseconds of seconds and nanoseconds of times, the low and the high half of numbers."""
+    seconds = (raw << 32) >> 32  # signed
+    return np.asarray(seconds * 1_000_000_000 + (raw >> 32 & _LOW))

@@ -121,8 +121,8 @@ def _left_over(
     Places are rows of slot, number of the message, start and length.
     """
     slots = np.full(_CHANNELS, -1, dtype=np.int16)
-    table = np.zeros((1, 7), dtype=np.int64)
-    table[0, records.CAPACITY] = bag.topics[topic].count
+    table = np.zeros((1, records.PART_END + 1), dtype=np.int64)
+    table[0, [records.CAPACITY, records.ROOM]] = bag.topics[topic].count
     table[0, records.SIZE] = size
     table[0, records.PART_END] = 1
     before_data = np.array([[-_TIMES.size, 8, 0]], dtype=np.int64)

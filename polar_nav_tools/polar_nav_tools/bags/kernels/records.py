@@ -27,11 +27,11 @@ FRONT = 31
 COUNT, FIRST_NS, LAST_NS, FIRST_SEQUENCE, LAST_SEQUENCE = range(5)
 """Columns of tallies, unsigned."""
 
-ROWS, CAPACITY, SIZE, CHECK, CHECK_END, PART, PART_END = range(7)
+ROWS, CAPACITY, ROOM, SIZE, CHECK, CHECK_END, PART, PART_END = range(8)
 """Columns of tables, one row for each wanted channel.
 
-Rows taken so far and at most; bytes of a message of the layout, -1 for none; which rows of checks
-and of parts belong to it.
+Rows taken so far, at most, and those that there is room for now; bytes of a message of the
+layout, -1 for none; which rows of checks and of parts belong to it.
 """
 
 OFFSET, LENGTH, PLACE = range(3)
@@ -174,7 +174,7 @@ def take(
         Where to begin, and how many bytes of the block there are.
     slots : (65536,) array of int16
         Row of tables by channel, -1 for channels that are not wanted.
-    tables : (t, 7) array of int64
+    tables : (t, 8) array of int64
         ROWS and so on; ROWS is counted up.
     checks : (c, 3) array of int64
         What has to equal the template for a message to have the layout.
@@ -191,7 +191,8 @@ def take(
     Returns
     -------
     int
-        Where it stopped: ``size`` at the end, before it when odd is full, or BROKEN.
+        Where it stopped: ``size`` at the end, before it when odd is full or a table has no room
+        for the next row, or BROKEN.
     """
     at = np.int64(start)
     while at < size:
@@ -210,6 +211,8 @@ def take(
         row = table[ROWS]
         if row >= table[CAPACITY]:
             return np.int64(BROKEN)
+        if row >= table[ROOM]:
+            return at
         same = length == table[SIZE]
         c = table[CHECK]
         while same and c < table[CHECK_END]:
