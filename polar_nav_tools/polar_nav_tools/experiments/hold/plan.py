@@ -151,9 +151,10 @@ def run_job(job: FaultJob) -> FaultResult:
     if key not in made.clean:
         made.clean[key] = _run(made, job, made.messages)
     clean = made.clean[key]
+    messages = with_faults(made.messages, job.row.injections, job.seed)
     stopped = ''
     try:
-        ran = _run(made, job, with_faults(made.messages, job.row.injections, job.seed))
+        ran = _run(made, job, messages)
     except Exception as error:  # noqa: BLE001 - the node would end: the worst of all results
         stopped = f'{type(error).__name__}: {error}'
         nothing = Trace.nothing(stopped)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...inject.faults import FAULTS, Fault, Injection
+from ...inject.faults import FAULTS, SINS, STATION, Fault, Injection
 from ..draws import OneOf, Size
 from ..mismatch.row import TACTICAL
 from ..mismatch.scenes import Scene
@@ -35,7 +35,7 @@ _OF_EVERY_STREAM: Mapping[str, Size | OneOf] = {
     'several_ahead': Size(0.01, 100.0),
     'nan': OneOf((1.0, 10.0, 300.0)),
 }
-SIZES: Mapping[str, Size | OneOf] = {
+_SIZES: Mapping[str, Size | OneOf] = {
     'imu_force': Size(5.0, 1e6, signed=True),
     'imu_rate': Size(0.1, 1e3, signed=True),
     'imu_gyro_stuck': _LENGTH,
@@ -66,13 +66,17 @@ SIZES: Mapping[str, Size | OneOf] = {
     'packet_sigma': Size(1e-3, 1e5),
 }
 """What the size of a fault is drawn from; one that is not here has none, or that of its stream."""
+_OF_A_STATION = {'packet_jump': Size(5.0, 2e3), 'packet_displaced': Size(5.0, 2e3)}
+"""A packet of a station holds a place within 3 km."""
 
 
-def size_of(fault: Fault) -> Size | OneOf | None:
-    """What the size of a fault is drawn from; None for one without a size."""
+def _size_of(fault: Fault, mode: str) -> Size | OneOf | None:
+    """What the size of a fault is drawn from in a mode; None for one without a size."""
     if not fault.unit:
         return None
-    return SIZES.get(fault.name) or _OF_EVERY_STREAM[fault.name.partition('_')[2]]
+    if mode == STATION and fault.name in _OF_A_STATION:
+        return _OF_A_STATION[fault.name]
+    return _SIZES.get(fault.name) or _OF_EVERY_STREAM[fault.name.partition('_')[2]]
 
 
 @dataclass(frozen=True)
@@ -108,7 +112,7 @@ class _Draw:
             if self.mode in fault.modes and not set(fault.streams) <= set(self.without)
         ]
         fault = known[int(rng.integers(len(known)))]
-        of = size_of(fault)
+        of = _size_of(fault, self.mode)
         # As rounded as it is said, so that `./polar inject` makes the same.
         size = fault.size if of is None else float(f'{of.draw(rng):.3g}')
         return Injection(fault, size, at_s)
@@ -123,17 +127,17 @@ _DRAWS = {
             'dive': inertial(mission='dive'),
             'tactical': replace(TACTICAL, world=replace(TACTICAL.world, duration_s=DURATION_S)),
         },
-        'sins',
+        SINS,
     ),
     'random-no-dvl:': _Draw(
         {
             'straight': inertial(dvl_rate_hz=0.0),
             'racetrack': inertial(mission='racetrack', dvl_rate_hz=0.0),
         },
-        'sins',
+        SINS,
         ('dvl',),
     ),
-    'random-station:': _Draw({'station': station()}, 'station'),
+    'random-station:': _Draw({'station': station()}, STATION),
 }
 PREFIXES = tuple(_DRAWS)
 """Before a number, or two with a dash between, in the name of a row."""
