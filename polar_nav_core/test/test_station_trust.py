@@ -80,8 +80,12 @@ def test_a_jump_of_the_fixes_moves_the_position_and_no_velocity():
     of_velocity = [*range(3), *range(ss.CURRENT, ss.CURRENT + 2)]
     assert (np.abs(x - x_usual) < 2.0 * sigma)[of_velocity].all()
     last = {p.condition.key: p.condition for p in found.health[-1].present}
-    assert last['fixes followed'].culprit & Culprit.FIXES
-    assert 'refused in a row, 3' in last['fixes followed'].sentence
+    followed = last['fixes followed']
+    assert (followed.level, followed.culprit) == (Level.ERROR, Culprit.FIXES)
+    assert followed.sentence.startswith('fixes jumped 3')
+    # It stands for good: nothing that comes later shows which of the two places is right.
+    since_s = (found.health[-1].stamp_ns - twin.START_NS) * 1e-9 - JUMP_S
+    assert since_s > 50.0
 
 
 def test_a_jump_that_ends_is_no_condition_any_more():
@@ -94,6 +98,11 @@ def test_a_jump_that_ends_is_no_condition_any_more():
     said = [any(p.condition.key == 'fixes followed' for p in h.present) for h in found.health]
     assert any(said)
     assert not said[-1]
+
+
+def test_fixes_that_drift_faster_than_any_current_are_an_error():
+    found = run(moved(lambda n: 10.0 * n), one_by_one=True)
+    assert any(p.condition.key == 'current' for p in found.health[-1].present)
 
 
 def test_bearings_of_the_other_side_do_not_lead_off_for_good():
@@ -220,6 +229,35 @@ def test_silent_on_white_innovations():
         feed(kept, rng.standard_normal(2), 1e-2 * k)
         if k % 20 == 0:
             assert not look(kept).present
+
+
+def only(**changes):
+    """The one condition of a view in which nothing else is wrong; None for none."""
+    found = [p.condition for p in look(memories(), **changes).present]
+    assert len(found) <= 1
+    return found[0] if found else None
+
+
+def test_fixes_that_are_followed_are_an_error_where_they_jumped():
+    """Fixes that a vehicle refused while it was held are right; but no vehicle jumps."""
+    far = {'followed': np.array([40.0, 0.0])}
+    said = only(**far)
+    assert (said.key, said.level) == ('fixes followed', Level.WARN)
+    said = only(**far, jumped=True)
+    assert (said.key, said.level) == ('fixes followed', Level.ERROR)
+    assert only(followed=np.array([0.5, 0.0]), jumped=True) is None
+
+
+def test_a_current_that_there_is_not_is_an_error():
+    limits = Envelope(20.0, 6000.0, max_current=3.0)
+    views = [view(memories(), current=current) for current in (2.9, 3.1)]
+    weak, strong = (StationWatchdog(limits).look(one, []).present for one in views)
+    assert not weak
+    (said,) = (p.condition for p in strong)
+    assert (said.key, said.level) == ('current', Level.ERROR)
+    assert said.culprit == Culprit.FIXES | Culprit.MODEL
+    assert '3.1 m/s is stronger than max_current 3.0 m/s' in said.sentence
+    assert only(current=99.0) is None  # as much as there is
 
 
 def test_fixes_behind_on_every_course_are_a_vehicle_that_does_not_obey_its_model():

@@ -114,6 +114,7 @@ _FIRST: dict[str, Any] = {
     'magnetic_year': 0.0,
     'map_axes': 'grid',
     'map_frame': '',
+    'max_current': 3.0,
     'max_delay_s': 60.0,
     'max_depth': 12000.0,
     'max_fix_sigma': 0.0,

@@ -49,6 +49,7 @@ class HealthMonitor:
                 params.lost_radius,
                 params.max_imu_gap_s,
                 params.sensor_silent_s,
+                params.max_current or math.inf,
             )
         )
         self._ledger, self._switches, self._clock = ledger, switches, clock

@@ -111,6 +111,14 @@ class StationParams(NodeParams):
         "Log likelihood ratio from which on fixes that lie to one side of the vehicle's model "
         'loosen it in station mode: the velocity then follows the fixes; 0 is never',
     )
+    max_current: float = param(
+        3.0,
+        'm/s',
+        0.0,
+        100.0,
+        'Strongest current where the vehicle goes; a stronger estimate is an error in station '
+        'mode: fixes drift, or the model of the vehicle is wrong; 0: any',
+    )
     station_position_noise: float = param(
         2e-3, 'm/sqrt(s)', 0.0, 10.0, 'Random walk of the horizontal position'
     )

@@ -47,8 +47,18 @@ class Condition:
     sentence: str
 
 
-def fixes_followed(metres: float, culprit: Culprit) -> Condition:
-    """The condition that the estimate has followed fixes so far off [m] that it had refused."""
+def fixes_followed(metres: float, culprit: Culprit, *, jumped: bool = False) -> Condition:
+    """The condition that the estimate has followed fixes so far off [m] that it had refused.
+
+    An ERROR where they ``jumped`` by more than the vehicle can have moved: then no model is to
+    blame, but those before or those since.
+    """
+    if jumped:
+        sentence = (
+            f'fixes jumped {metres:.0f} m, farther than the vehicle can have moved, and are '
+            'followed: those before or those since are wrong'
+        )
+        return Condition('fixes followed', Level.ERROR, Culprit.FIXES, sentence)
     sentence = (
         f'fixes that were refused in a row, {metres:.0f} m off, passed the gate later and moved '
         'the estimate: they are wrong, or it was before'

@@ -126,6 +126,10 @@ class StationView(View):
         When those of each slot began; 0 for an empty one.
     followed : (2,) array or None
         Way to fixes that were refused at first and followed at last, station axes [m].
+    jumped : bool
+        Whether some of them had jumped farther than the vehicle can have moved.
+    current : float
+        Size of the estimated current [m/s].
     psi, turn : float or None
         Heading of the AHRS, and its newest turn that its own rates do not explain [rad].
     heading_sigma : float
@@ -145,6 +149,8 @@ class StationView(View):
     weight: Array | None = None
     born_ns: Ints | None = None
     followed: Array | None = None
+    jumped: bool = False
+    current: float = 0.0
     psi: float | None = None
     turn: float = 0.0
     heading_sigma: float = math.inf
@@ -169,6 +175,7 @@ class StationWatchdog(Watchdog):
                 *_ahrs_gap(view),
                 *_thrust(view),
                 *_drag(view),
+                *_current(view, self._envelope),
             ]
             if view.psi is not None:
                 sigma = view.heading_sigma
@@ -278,7 +285,18 @@ def _followed(view: StationView) -> list[Condition]:
     """The estimate has followed fixes that it refused at first: one of the two is wrong."""
     if view.followed is None or not shift_in_sigmas(view.followed, view.P_horizontal) > MOVED:
         return []
-    return [fixes_followed(float(np.hypot(*view.followed)), _EITHER)]
+    return [fixes_followed(float(np.hypot(*view.followed)), _EITHER, jumped=view.jumped)]
+
+
+def _current(view: StationView, envelope: Envelope) -> list[Condition]:
+    """A current that there is not: nothing else can explain what moves fixes like that."""
+    if view.current <= envelope.max_current:
+        return []
+    sentence = (
+        f'a current of {view.current:.1f} m/s is stronger than max_current '
+        f'{envelope.max_current:.1f} m/s: fixes drift, or the vehicle does not move as its model'
+    )
+    return [Condition('current', Level.ERROR, _EITHER, sentence)]
 
 
 def _turned(view: StationView) -> list[Condition]:

@@ -92,6 +92,8 @@ class Envelope:
         A longer gap between IMU samples is an error.
     silent_after_s : float
         A sensor that was used and is not for longer is silent.
+    max_current : float
+        Strongest current that an estimate in station mode can have [m/s].
     """
 
     max_speed: float
@@ -99,3 +101,4 @@ class Envelope:
     lost_radius: float = math.inf
     max_imu_gap_s: float = math.inf
     silent_after_s: float = math.inf
+    max_current: float = math.inf

@@ -153,6 +153,8 @@ def _follow(b: Bank, x: float, y: float) -> None:
     back = sum_x * sum_x + sum_y * sum_y < BACK * BACK * 1e6 * (x * x + y * y)
     b.counters[ss.FOLLOWED_MM] = 0 if back else int(sum_x)
     b.counters[ss.FOLLOWED_MM + 1] = 0 if back else int(sum_y)
+    if back:
+        b.counters[ss.JUMPED] = 0
 
 
 @kernel
@@ -201,6 +203,7 @@ def open_again(b: Bank, outcome: Array, jumps: Array, stamp: int) -> None:
     x, y = outcome[ss.FOLLOWED], outcome[ss.FOLLOWED + 1]
     if outcome[ss.OPENING] < 0.0:
         _jump(b, outcome, jumps)
+        b.counters[ss.JUMPED] = 1
         _follow(b, x, y)
     else:
         enlarge(b, outcome[ss.OPENING])

@@ -45,7 +45,8 @@ HORIZONTAL = slice(POSITION, POSITION + 2)
 # hypotheses began [ns], 0 for an empty one, when the next begin, and of which stamp they are; how
 # far off the first of the refused fixes in a row is, if farther than a vehicle can have come (2),
 # the way to fixes that were refused at first and followed at last (2), and that to the fix for
-# which the gate was opened, until one is fused (2), along x and y [mm].
+# which the gate was opened, until one is fused (2), along x and y [mm]; whether fixes that jumped
+# are among those followed.
 STAMP, IMU, CONTROL, DEPTH, FIX = 0, 1, 2, 3, 4
 THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS = 5, 6, 7, 8, 9
 GAPS, GAP_NS, GAP_END_NS = 10, 11, 12
@@ -53,7 +54,7 @@ LOOSENED, LOOSENED_NS, TURNS, TURN_NS = 13, 14, 15, 16
 SLOTS = 5
 BORN_NS = 17
 BIRTH_NS, SIGNATURES_NS, LEAP_MM = BORN_NS + SLOTS, BORN_NS + SLOTS + 1, BORN_NS + SLOTS + 2
-FOLLOWED_MM, OPENED_MM, COUNTERS = LEAP_MM + 2, LEAP_MM + 4, LEAP_MM + 6
+FOLLOWED_MM, OPENED_MM, JUMPED, COUNTERS = LEAP_MM + 2, LEAP_MM + 4, LEAP_MM + 6, LEAP_MM + 7
 
 # Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
 # C_A_G (9), 1-sigma of the station's heading, sum of the directions of refused fixes in a row (2).
