@@ -105,6 +105,8 @@ def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
         (b'"stamp_ns": ', b'"stamp_ns": -Infinity, "was": '),
         (b'"lost_heading": null', b'"lost_heading": [1]'),
         (b'"lost_heading": null', b'"lost_heading": [-1, false]'),
+        (b'"followed": [0.0', b'"followed": [NaN'),
+        (b'"followed": [0.0', b'"followed": [1e300'),
         (b'"shapes": ', b'"shapes": ' + b'[' * 100_000),
     ],
 )
@@ -616,3 +618,29 @@ def test_a_bank_of_station_mode_goes_on():
         # The run without a break has one fix more.
         difference_e = e.r_e - whole[e.stamp_ns].r_e
         assert difference_e @ np.linalg.solve(e.P[6:9, 6:9], difference_e) < 9.0
+
+
+@pytest.mark.parametrize('jumped', [False, True])
+def test_fixes_that_were_followed_are_a_condition_after_a_restart_too(jumped):
+    """Which of the two places is right no restart shows."""
+    params = twin.params(identify_method='none')
+    events = list(twin.inputs(twin.truth(30.0), 1, depth_every=10).events())
+    before, after = cut(events, 2.0, 20.0)
+    first = Engine(params)
+    drive(first, before)
+    counters = first.fusion.filter.bank.counters
+    counters[ss.FOLLOWED_MM : ss.FOLLOWED_MM + 2] = 300_000, -400_000
+    counters[ss.JUMPED] = jumped
+    saved = unpack(pack(first.saved()))
+    assert saved.followed == (300.0, -400.0, jumped)
+    again, _ = restarted(params, saved, after)
+    said = {p.condition.key: p.condition for p in again.look().present}['fixes followed']
+    assert said.level is (Level.ERROR if jumped else Level.WARN)
+    assert ' 500 m' in said.sentence
+    # A file of before says nothing of it.
+    text = pack(saved).replace(b'"followed"', b'"unstated"')
+    body = text[HEAD:]
+    older = unpack(
+        struct.pack('<8sH32sQ', b'POLARNAV', 5, hashlib.sha256(body).digest(), len(body)) + body
+    )
+    assert older.followed == (0.0, 0.0, False)

@@ -43,6 +43,7 @@ _JSON: Final = struct.Struct('<I')
 MOST_BYTES: Final = 32 << 20
 """Of a saved state; the fullest one has 6 MiB of fixes."""
 _TOO_MANY: Final = 1 << 62
+_FARTHEST_M: Final = 1e8
 _NONSENSE: Final = (
     KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, struct.error,
 )  # fmt: skip
@@ -78,6 +79,9 @@ class SavedState(InitialState):
     lost_heading : (int, bool) or None
         When the navigation began anew with a heading [ns], and whether one was measured since;
         None where it did not, and in older files.
+    followed : (float, float, bool)
+        In station mode, the way to refused fixes that the estimate has followed [m], and whether
+        they had jumped; zeros in older files.
     seen : Seen or None
         What its new owner saw of the vehicle before it goes on from it; not part of the bytes.
     """
@@ -91,6 +95,7 @@ class SavedState(InitialState):
     vehicle: str = ''
     since_start: int | None = None
     lost_heading: tuple[int, bool] | None = None
+    followed: tuple[float, float, bool] = (0.0, 0.0, False)
     seen: Seen | None = None
 
     def doubt(self) -> LostHeading | None:
@@ -116,6 +121,7 @@ def pack(saved: SavedState) -> bytes:
         'vehicle': saved.vehicle,
         'since_start': saved.since_start,
         'lost_heading': saved.lost_heading,
+        'followed': saved.followed,
         'fixes': saved.fixes,
         'shapes': {name: list(value.shape) for name, value in saved.values.items()},
         'records': [len(record) for record in saved.records],
@@ -193,11 +199,19 @@ def _read(body: bytes, version: int) -> SavedState:
         vehicle=str(header.get('vehicle', '')),
         since_start=None if since_start is None else _count(since_start),
         lost_heading=None if lost is None else _lost(*lost),
+        followed=_followed(*header.get('followed', (0.0, 0.0, False))),
     )
 
 
 def _lost(anew_ns: Any, measured: Any) -> tuple[int, bool]:  # noqa: ANN401 - of a file
     return _count(anew_ns), bool(measured)
+
+
+def _followed(x: Any, y: Any, jumped: Any) -> tuple[float, float, bool]:  # noqa: ANN401 - as above
+    way = float(x), float(y)
+    if not math.hypot(*way) <= _FARTHEST_M:
+        raise ValueError(f'{reprlib.repr(way)} is no way')
+    return *way, bool(jumped)
 
 
 def _count(value: Any) -> int:  # noqa: ANN401 - of a file
