@@ -184,6 +184,48 @@ def test_an_estimate_that_followed_refused_fixes_is_doubted_until_they_lead_it_b
     assert monitor.moved == []
 
 
+@pytest.mark.parametrize('way', ['believed', 'passed'])
+def test_fixes_that_jumped_and_are_followed_are_an_error_until_they_jump_back(way):
+    """Which of the two places is right, nothing shows that comes later."""
+
+    def followed(offset_G, at_s, first):
+        for k in range(6):
+            leaps = k == 0 and first
+            monitor.gated((at_s + k) * S, (at_s + 1 + k) * S, offset_G, leaps=leaps)
+        if way == 'believed':
+            before = monitor.moved
+            monitor.believed((at_s + 10) * S, 0.0)
+            assert monitor.moved == before  # the filter may refuse them still
+            monitor.fused((at_s + 11) * S, (at_s + 12) * S, np.zeros(3))
+        else:
+            follow(monitor, offset_G, at_s + 10.0)
+
+    monitor = IntegrityMonitor(60.0)
+    followed(AWAY, 10, first=True)
+    (condition,) = monitor.moved
+    assert (condition.key, condition.level) == ('fixes followed', Level.ERROR)
+    assert condition.sentence.startswith('fixes jumped 500 m, farther than the vehicle can')
+    again = IntegrityMonitor(60.0)
+    again.known_followed(monitor.followed)
+    assert again.moved == [condition]
+    followed(-AWAY, 1000, first=True)
+    assert monitor.moved == []
+    assert not monitor.followed[2]
+
+
+def test_fixes_that_are_believed_without_a_jump_are_none():
+    monitor = refused(6)
+    monitor.believed(100 * S, 0.0)
+    follow(monitor, np.zeros(3), 101.0)
+    assert monitor.moved == []
+    gone = IntegrityMonitor(60.0)  # only the first one was far off: an outlier
+    for k in range(6):
+        gone.gated((10 + k) * S, (11 + k) * S, AWAY * (1.0 if k == 0 else 0.4), leaps=k == 0)
+    gone.believed(100 * S, 0.0)
+    follow(gone, np.zeros(3), 101.0)
+    assert all(c.level is Level.WARN for c in gone.moved)
+
+
 def test_a_fix_that_lies_with_the_estimate_or_ends_no_run_follows_none():
     back = refused(6)
     follow(back, np.array([10.0, 0.0, 0.0]), 70.0)

@@ -325,6 +325,40 @@ def test_the_time_of_refusals_is_that_of_the_parameters():
     assert not Book(max_gated_s=60.0).ledger.integrity.lasting(182 * S)
 
 
+@pytest.mark.parametrize(
+    ('metres', 'after_s', 'leaps'),
+    [(30.0, 2.0, False), (51.0, 2.0, False), (52.0, 2.0, True), (70.0, 4.0, False)],
+)
+def test_a_fix_leaps_that_lies_farther_off_than_the_vehicle_can_have_moved(metres, after_s, leaps):
+    """20 m/s, and four sigmas of both fixes together, 11.3 m."""
+    book = Book()
+    sigma = 4.0 * np.eye(3)
+    book.decide(fix(1, 98.0, r_e=PLACE, covariance_e=sigma))
+    book.decide(fix(2, 100.0, r_e=PLACE, covariance_e=sigma))
+    there = PLACE + np.array([metres, 0.0, 0.0])
+    far = fix(3, 100.0 + after_s, r_e=there, covariance_e=sigma)
+    book.decide(far, fused=False)
+    for k in range(4, 8):
+        book.decide(fix(k, 100.0 + after_s + k, r_e=there, covariance_e=sigma), fused=False)
+    book.ledger.believed(120 * S)
+    book.decide(fix(9, 121.0, r_e=there))
+    assert [c.level is Level.ERROR for c in book.ledger.integrity.moved] == [True] * leaps
+
+
+def test_a_fix_leaps_after_fixes_that_were_fused_at_once():
+    book = Book()
+    outcomes, notes = np.full((2, OUTCOME), 3.0), np.zeros((2, 3), dtype=np.int64)
+    book.ledger.fused([fix(2, 100.0), fix(1, 98.0)], outcomes, notes)
+    there = PLACE + np.array([60.0, 0.0, 0.0])  # 40 m in 2 s, and not in 4 s
+    for k in range(3, 7):
+        book.decide(fix(k, 96.0 + 2.0 * k, r_e=there), fused=False)
+    book.ledger.believed(120 * S)
+    book.decide(fix(9, 121.0, r_e=there))
+    assert len(book.ledger.integrity.moved) == 1
+    book.ledger.start_anew()
+    assert book.ledger.integrity.moved == []
+
+
 def test_many_fixes_at_once_are_counted_like_one_after_another():
     fixes = [fix(1, 100.0), fix(2, 102.0), fix(3, 101.0, 104.0)]
     one, many = Book(), Book()

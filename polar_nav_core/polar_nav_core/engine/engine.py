@@ -352,7 +352,9 @@ class Engine:
         self.ledger.start_anew()
         saved = self._beginning.state
         if isinstance(saved, SavedState):
-            self.ledger.restore(saved.fixes, saved.records, saved.since_start, saved.doubt())
+            self.ledger.restore(
+                saved.fixes, saved.records, saved.since_start, saved.doubt(), saved.followed
+            )
         self.adaptation = make_adaptation(self.params)
 
     def saved(self) -> SavedState | None:
@@ -367,6 +369,9 @@ class Engine:
             stamp_ns=own_ns,
             since_start=self.ledger.fused_since_start,
             lost_heading=self._monitor.heading_to_save(self.fusion),
+            followed=self.ledger.integrity.followed
+            if self.params.mode == 'sins'
+            else saved.followed,
         )
 
     def state(self) -> InitialState | None:

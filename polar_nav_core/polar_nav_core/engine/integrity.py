@@ -35,6 +35,8 @@ _SOON = 6
 """Those that show an estimate which runs away from them."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
+_SAME = 0.5
+"""Share of the first offset that must be left when fixes are followed: a jump stays."""
 _BACK = 0.5
 """Share of the farthest way that fixes have led the estimate below which they have led it back."""
 
@@ -123,6 +125,10 @@ class IntegrityMonitor:
         self._moved_m = 0.0
         self._followed_G = np.zeros(3)
         self._farthest_m = 0.0
+        self._leap_m = 0.0
+        self._believed_G: Array | None = None
+        """Offset of fixes that have jumped and are believed, until one is used."""
+        self._jumped = False
         self._held: tuple[Array, Array] | None = None
         self._agreed = 0
         self.longest_gated_s = 0.0
@@ -143,8 +149,6 @@ class IntegrityMonitor:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
         self._release()
-        if not self._refused:
-            return
         later = [r for r in self._refused if r.validity_ns > validity_ns]
         if len(later) != len(self._refused):
             conflict = self.conflict()
@@ -154,9 +158,13 @@ class IntegrityMonitor:
             self._refused = deque(later, maxlen=_KEPT)
             self._count = len(later)
             self._first_ns = min((r.receive_ns for r in later), default=0)
-            if follows and not later:
-                self._followed_G += refused_G
-                self._farthest_m = max(self._farthest_m, self._followed())
+        if later:
+            return
+        if self._believed_G is not None:
+            self._follow(self._believed_G)
+        elif follows:
+            self._follow(refused_G)
+        self._leap_m, self._believed_G = 0.0, None
 
     def _release(self) -> None:
         """Count a fix that was fused since refused ones contradicted the estimate."""
@@ -169,15 +177,20 @@ class IntegrityMonitor:
         """Whether no fix has been refused since the newest that was fused, nor contradicts."""
         return not self._count and self._held is None
 
-    def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> bool:
+    def gated(
+        self, validity_ns: int, receive_ns: int, offset_G: Array, *, leaps: bool = False
+    ) -> bool:
         """Whether a fix that the gate refused counts; ``offset_G`` is fix minus estimate (3,) [m].
 
-        One that is valid before the newest fused fix does not.
+        One that is valid before the newest fused fix does not. One that ``leaps`` lies farther
+        from that one than the vehicle can have moved.
         """
         if validity_ns <= self._newest_fused_validity_ns:
             return False
         if not self._count:
             self._first_ns = receive_ns
+            if leaps and not self._leap_m:
+                self._leap_m = math.hypot(*offset_G.tolist())
         self._refused.append(_Refused(validity_ns, receive_ns, offset_G))
         self._count += 1
         self._agreed = 0
@@ -254,6 +267,8 @@ class IntegrityMonitor:
 
         Fixes that were valid before count no more; ``moved_m`` is how far a start was off [m].
         """
+        if self._leap_m and self._refused:
+            self._believed_G = self._newest()[-1].offset_G
         self.longest_gated_s = max(self.longest_gated_s, self._gated_s(stamp_ns))
         self._refused.clear()
         self.unused.began(stamp_ns)
@@ -275,8 +290,28 @@ class IntegrityMonitor:
             )
             found.append(Condition('start', Level.WARN, Culprit.FIXES, sentence))
         if self._followed() > _BACK * self._farthest_m:
-            found.append(fixes_followed(self._followed(), Culprit.FIXES))
+            found.append(fixes_followed(self._followed(), Culprit.FIXES, jumped=self._jumped))
         return found
+
+    @property
+    def followed(self) -> tuple[float, float, bool]:
+        """Way to refused fixes that the estimate has followed [m], and whether they jumped."""
+        x, y, _ = self._followed_G.tolist()
+        return x, y, self._jumped
+
+    def known_followed(self, followed: tuple[float, float, bool]) -> None:
+        """Take over what another monitor had as `followed` before a restart."""
+        *way, self._jumped = followed
+        self._followed_G = np.array([*way, 0.0])
+        self._farthest_m = self._followed()
+
+    def _follow(self, offset_G: Array) -> None:
+        """Count an offset of refused fixes that the estimate has followed."""
+        stays = math.hypot(*offset_G.tolist()) > _SAME * self._leap_m > 0.0
+        self._followed_G += offset_G
+        self._farthest_m = max(self._farthest_m, self._followed())
+        back = self._followed() <= _BACK * self._farthest_m
+        self._jumped = not back and (self._jumped or stays)
 
     def _followed(self) -> float:
         """How far fixes that had been refused have moved the estimate [m]; back counts off."""

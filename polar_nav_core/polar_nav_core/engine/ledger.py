@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from collections.abc import Sequence
 from enum import Enum
@@ -28,6 +29,8 @@ _FUSED_KEPT = 1 << 18
 1.6 s. Each takes 24 bytes."""
 _REFUSED_KEPT = 4096
 """Fixes that the gate refused: they are apart, so that a flood of them drops no fused one."""
+_LEAP = 4.0
+"""Sigmas of two fixes beyond the farthest way between them: they have jumped."""
 _SUSPICION_NS = 60_000_000_000
 _SUSPICIOUS = {
     Verdict.NOT_FINITE: 'with numbers that no instrument states',
@@ -92,6 +95,7 @@ class FixLedger:
         self._too_sure: tuple[int, float] | None = None
         self._revisions: dict[tuple[int, int], int] = {}
         self._last_validity_ns = 0
+        self._newest_used: Fix | None = None
         self._fused_before = 0
         self.received = 0
         self.integrity = IntegrityMonitor(params.max_gated_s, params.max_delay_s)
@@ -105,7 +109,7 @@ class FixLedger:
         """Reset the agreement of fixes with the estimate, after a reset of the filter."""
         self.integrity = IntegrityMonitor(self._params.max_gated_s, self._params.max_delay_s)
         self.refused_row.clear()
-        self._replaced = self.lost_heading = None
+        self._newest_used = self._replaced = self.lost_heading = None
         self._fused_before = self._fused[_FIX]
 
     def believed(
@@ -132,6 +136,7 @@ class FixLedger:
         records: tuple[bytes, bytes],
         since_start: int | None = None,
         lost_heading: LostHeading | None = None,
+        followed: tuple[float, float, bool] = (0.0, 0.0, False),
     ) -> None:
         """Replace counts and fixes by those of an earlier ledger, and its doubt of the heading.
 
@@ -147,6 +152,7 @@ class FixLedger:
         refused.unpack(records[1])
         self._of_fused, self._of_refused = fused, refused
         self.lost_heading = lost_heading
+        self.integrity.known_followed(followed)
         self._revisions.clear()
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
         self._fused_before = 0 if since_start is None else max(0, fixes[1] - since_start)
@@ -272,13 +278,31 @@ class FixLedger:
             self.integrity.fused(fix.validity_ns, cause.receive_ns, asked_G)
             self.refused_row.clear()
             self._fused[_FIX] += 1
-            self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
+            self._use(fix)
         else:
-            if self.integrity.gated(fix.validity_ns, cause.receive_ns, offset_G):
+            leaps = self._leaps(fix)
+            if self.integrity.gated(fix.validity_ns, cause.receive_ns, offset_G, leaps=leaps):
                 self.refused_row.add(fix, offset_G)
             self.suspect(refused_verdict(outcome), cause.receive_ns)
             self._fused[_FIX] -= revision > 0
         return decided_receipt(fix, cause, result, now_ns, revision, self._configuration)
+
+    def _use(self, fix: Fix) -> None:
+        """Note a fix that was fused."""
+        if fix.validity_ns >= self._last_validity_ns:
+            self._last_validity_ns, self._newest_used = fix.validity_ns, fix
+
+    def _leaps(self, fix: Fix) -> bool:
+        """Whether a fix lies farther from the newest one used than the vehicle can have moved."""
+        used = self._newest_used
+        if used is None or fix.polar is not None:
+            return False
+        way_e = fix.r_e - used.r_e
+        length = math.hypot(*way_e.tolist())
+        since_s = abs(fix.validity_ns - used.validity_ns) * 1e-9
+        rest = length - self._params.max_speed * since_s
+        square = float(way_e @ (fix.covariance_e + used.covariance_e) @ way_e)
+        return rest > 0.0 and rest * length > _LEAP * math.sqrt(square)
 
     def _revised(self, fix: Fix) -> int:
         """Number of the revision of a fix that was decided anew, from 1."""
@@ -294,13 +318,13 @@ class FixLedger:
 
         None was refused before them since the newest that was fused.
         """
-        newest_ns = max(fix.validity_ns for fix in fixes)
+        newest = max(fixes, key=lambda fix: fix.validity_ns)
         self.received += len(fixes)
         self._fused[_FIX] += len(fixes)
         self._verdicts[Verdict.FUSED] += len(fixes)
-        self._last_validity_ns = max(self._last_validity_ns, newest_ns)
+        self._use(newest)
         self._clock.usable(age_s(fixes[-1]))
-        self.integrity.fused(newest_ns, fixes[-1].receive_ns)
+        self.integrity.fused(newest.validity_ns, fixes[-1].receive_ns)
         self.refused_row.clear()
         for fix in fixes:
             self.remember(fix, fix.validity_ns, fused=True)

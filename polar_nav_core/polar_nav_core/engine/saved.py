@@ -80,8 +80,8 @@ class SavedState(InitialState):
         When the navigation began anew with a heading [ns], and whether one was measured since;
         None where it did not, and in older files.
     followed : (float, float, bool)
-        In station mode, the way to refused fixes that the estimate has followed [m], and whether
-        they had jumped; zeros in older files.
+        Way to refused fixes that the estimate has followed [m], grid axes or those of the station,
+        and whether they had jumped; zeros in older files.
     seen : Seen or None
         What its new owner saw of the vehicle before it goes on from it; not part of the bytes.
     """
