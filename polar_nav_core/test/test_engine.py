@@ -295,3 +295,17 @@ def test_a_fix_without_heading_cannot_feed_a_bias_in_array_axes(world):
     with_heading = [dataclasses.replace(f, array_heading=0.3) for f in fixes]
     out = run(Engine(world.params(usbl_bias_sigma=0.5)), sensors(world) + with_heading)
     assert {o.verdict for o in out if isinstance(o, Receipt)} == {Verdict.FUSED}
+
+
+@pytest.mark.parametrize('kind', [CommandKind.RESET, CommandKind.SET_INITIAL_STATE])
+def test_a_start_that_is_stated_before_the_first_sample_of_an_imu_apart(world, kind):
+    """Nothing is known of its rate yet, which would move the state from base_link to it."""
+    params = world.params()
+    stated = params.initial_state() if kind is CommandKind.SET_INITIAL_STATE else None
+    engine = Engine(params, imu_lever_b=(1.0, 0.0, 0.5))
+    list(engine.process(Command(int(world.stamps[0]), 0, kind, stated)))
+    estimates = [
+        o for s in world.imu()[:200] for o in engine.process(s) if isinstance(o, Estimate)
+    ]
+    assert engine.navigating
+    assert estimates

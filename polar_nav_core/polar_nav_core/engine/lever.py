@@ -166,7 +166,12 @@ class Arm:
         self._omega_b = [*self._omega_b[-2:], omega_ib_b]
 
     def rate(self) -> tuple[Array, Array]:
-        """Rate at the newest sample (1, 3) [rad/s] and its noise (1,), as of `Rates.at`."""
+        """Rate at the newest sample (1, 3) [rad/s] and its noise (1,), as of `Rates.at`.
+
+        Zeros before the first one, as when a start is stated before the IMU is heard.
+        """
+        if not self._stamps_ns:
+            return np.zeros((1, 3)), np.zeros(1)
         stamps_ns = np.array(self._stamps_ns, dtype=np.int64)
         return Rates(stamps_ns, np.array(self._omega_b), self._mean).at(stamps_ns[-1:])
 
