@@ -2,8 +2,9 @@
 
 A sample ahead of the others waits for the next one. If that goes on from it, this is a gap, unless
 the samples came too soon for one: then, and when stamps leap back, the clock has stepped. A step
-needs five samples in a row, which go on from one another as samples do. The engine's time goes on
-by one interval over it; a clock that returns gets its old offset again.
+needs five samples in a row, which go on from one another as samples do; of one back by a few
+intervals, some of them are ahead of the newest again. The engine's time goes on by one interval
+over it; a clock that returns gets its old offset again.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ LEAST_STEP_NS = 500_000_000
 """A clock that steps by less is not followed: that much, messages can be late. The IMU's is, where
 its samples came in order and arrival shows that they go on."""
 _SHORT_NS = 200_000_000
-"""Such a step ahead: samples that came so much too soon."""
+"""Such a step ahead: samples that came so much too soon, or by half of the leap."""
 STEP_SAMPLES = 5
 """Samples in a row that show a step."""
 _IN_ORDER = 50
@@ -34,6 +35,9 @@ _ARRIVAL_NS = 250_000_000
 """Arrival is known no better."""
 _LONGEST = 3
 """Intervals between two samples that go on from one another after a step."""
+_BACK, _AHEAD = 1.5, 2.5
+"""Intervals that a sample is behind the newest one, or ahead of it, at least, of a clock that has
+stepped back or ahead."""
 
 
 class Refused(NamedTuple):
@@ -75,6 +79,7 @@ class ImuClock:
         self._held: list[tuple[ImuSample, int | None]] = []
         self._behind = False
         self._in_order = 0
+        self._ways: deque[int] = deque(maxlen=_IN_ORDER)
         self._gaps: deque[tuple[int, int]] = deque(maxlen=64)
 
     @property
@@ -87,8 +92,10 @@ class ImuClock:
         stamp_ns = sample.stamp_ns + self.offsets_ns[-1]
         if self.newest_ns is None:
             return self._first(sample, arrival_ns)
-        ahead = stamp_ns - self.newest_ns > self._leap_ns
+        ahead = self._may_be_ahead(stamp_ns, arrival_ns)
         behind = self._may_be_back(stamp_ns, arrival_ns)
+        if self._held and self._is_step and self._goes_on(sample.stamp_ns):
+            ahead, behind = not self._behind, self._behind
         if not (ahead or behind):
             return [*self._let_go(), *self._use([(sample, arrival_ns)])]
         if self._held and behind == self._behind:
@@ -123,13 +130,37 @@ class ImuClock:
         self._held, self._behind = [(sample, arrival_ns)], False
         return out
 
+    def _may_be_ahead(self, stamp_ns: int, arrival_ns: int | None) -> bool:
+        """Whether a sample may be of a clock that stepped ahead, or behind a gap."""
+        way_ns = stamp_ns - (self.newest_ns or 0)
+        if way_ns > self._leap_ns:
+            return True
+        if way_ns <= _AHEAD * self._interval_ns or self._in_order < _IN_ORDER:
+            return False
+        possible_ns = self.arrivals.newest_possible_ns(arrival_ns)
+        return possible_ns is not None and stamp_ns - possible_ns > self._too_soon_ns(stamp_ns)
+
+    def _too_soon_ns(self, stamp_ns: int) -> int:
+        """How much too soon the first sample behind a leap came, if its clock has stepped.
+
+        Half of the leap tells it from a gap, of which nothing comes too soon.
+        """
+        if self._in_order < _IN_ORDER:
+            return LEAST_STEP_NS
+        return min(_SHORT_NS, (stamp_ns - (self.newest_ns or 0) - self._interval_ns) // 2)
+
     def _may_be_back(self, stamp_ns: int, arrival_ns: int | None) -> bool:
         """Whether a sample may be of a clock that stepped back, and is not only late."""
-        seen = self.arrivals.newest_possible_ns(arrival_ns) is not None
-        short = seen and self._in_order >= _IN_ORDER
-        least_ns = min(self._window_ns, LEAST_STEP_NS) if short else LEAST_STEP_NS
-        if self.newest_ns is None or self.newest_ns - stamp_ns < least_ns:
+        back_ns = (self.newest_ns or 0) - stamp_ns
+        if back_ns < min(self._window_ns, _BACK * self._interval_ns):
             return False
+        if back_ns < LEAST_STEP_NS:
+            seen = self.arrivals.newest_possible_ns(arrival_ns) is not None
+            if not seen or self._in_order < _IN_ORDER:
+                return False
+            # Stamps that are back from a leap ahead have not stepped.
+            if 2 * (max(self._ways) - self._interval_ns) >= back_ns:
+                return False
         return not any(a < stamp_ns < b for a, b in self._gaps)
 
     def _goes_on(self, own_ns: int) -> bool:
@@ -150,8 +181,7 @@ class ImuClock:
         possible_ns = self.arrivals.newest_possible_ns(arrival_ns)
         if possible_ns is None:
             return stamp_ns - (self.newest_ns or 0) > _UNSEEN_GAP_NS
-        short = self._in_order >= _IN_ORDER
-        return stamp_ns - possible_ns > (_SHORT_NS if short else LEAST_STEP_NS)
+        return stamp_ns - possible_ns > self._too_soon_ns(stamp_ns)
 
     def _decide(self) -> list[Action]:
         """What becomes of samples that wait and agree."""
@@ -185,15 +215,18 @@ class ImuClock:
         newest_ns = self.newest_ns or 0
         stamp_ns = newest_ns + self._interval_ns
         possible_ns = self.arrivals.newest_possible_ns(arrival_ns)
+        near_ns = _ARRIVAL_NS
         if possible_ns is not None and possible_ns - stamp_ns > _ARRIVAL_NS:
             stamp_ns = possible_ns  # it stepped in a gap
             self._gaps.append((newest_ns, stamp_ns))
-        for offset_ns in reversed(self.offsets_ns):
+        elif possible_ns is not None and self._in_order >= _IN_ORDER:
+            near_ns = _LONGEST * self._interval_ns
+        *offsets_ns, was_ns = self.offsets_ns
+        for offset_ns in reversed(offsets_ns):
             before_ns = first.stamp_ns + offset_ns
-            if before_ns > newest_ns and abs(before_ns - stamp_ns) <= _ARRIVAL_NS:
+            if before_ns > newest_ns and abs(before_ns - stamp_ns) <= near_ns:
                 stamp_ns = before_ns  # it is back
                 break
-        was_ns = self.offsets_ns[-1]
         self.offsets_ns.append(stamp_ns - first.stamp_ns)
         return ClockStep(first.topic, first.sequence, stamp_ns, first.stamp_ns, was_ns)
 
@@ -205,6 +238,7 @@ class ImuClock:
             if self.newest_ns is not None:
                 way_ns = one.stamp_ns - self.newest_ns
                 self._in_order = self._in_order + 1 if way_ns > 0 else 0
+                self._ways.append(way_ns)
                 if 0 < way_ns <= self._leap_ns:
                     self._interval_ns += (way_ns - self._interval_ns) // (
                         16 if self._interval_ns else 1
