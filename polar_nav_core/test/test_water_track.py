@@ -127,7 +127,8 @@ def test_a_run_from_arrays_gives_the_bits_of_event_by_event(voyage, name):
             getattr(fast.track, field), getattr(slow.track, field), field
         )
     for one, other in zip(fast.receipts, slow.receipts, strict=True):
-        assert (one.verdict, one.sequence, one.nis) == (other.verdict, other.sequence, other.nis)
+        assert (one.verdict, one.sequence) == (other.verdict, other.sequence)
+        np.testing.assert_equal(one.nis, other.nis)
     [bad] = [r for r in fast.receipts if r.topic == 'dvl/data']
     assert bad.verdict is Verdict.NOT_FINITE
 
