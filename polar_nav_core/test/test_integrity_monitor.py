@@ -206,11 +206,11 @@ def test_fixes_that_jumped_and_are_followed_are_an_error_until_they_jump_back(wa
     assert (condition.key, condition.level) == ('fixes followed', Level.ERROR)
     assert condition.sentence.startswith('fixes jumped 500 m, farther than the vehicle can')
     again = IntegrityMonitor(60.0)
-    again.known_followed(monitor.followed)
+    again.followed.restore(monitor.followed.to_save())
     assert again.moved == [condition]
     followed(-AWAY, 1000, first=True)
     assert monitor.moved == []
-    assert not monitor.followed[2]
+    assert monitor.followed.to_save() is None
 
 
 def test_fixes_that_are_believed_without_a_jump_are_none():

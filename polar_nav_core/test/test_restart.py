@@ -105,8 +105,9 @@ def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
         (b'"stamp_ns": ', b'"stamp_ns": -Infinity, "was": '),
         (b'"lost_heading": null', b'"lost_heading": [1]'),
         (b'"lost_heading": null', b'"lost_heading": [-1, false]'),
-        (b'"followed": [0.0', b'"followed": [NaN'),
-        (b'"followed": [0.0', b'"followed": [1e300'),
+        (b'"followed": null', b'"followed": [NaN, 0.0, true]'),
+        (b'"followed": null', b'"followed": [1e300, 0.0, true]'),
+        (b'"followed": null', b'"followed": [1.0]'),
         (b'"shapes": ', b'"shapes": ' + b'[' * 100_000),
     ],
 )
@@ -643,4 +644,21 @@ def test_fixes_that_were_followed_are_a_condition_after_a_restart_too(jumped):
     older = unpack(
         struct.pack('<8sH32sQ', b'POLARNAV', 5, hashlib.sha256(body).digest(), len(body)) + body
     )
-    assert older.followed == (0.0, 0.0, False)
+    assert older.followed is None
+
+
+@pytest.mark.parametrize('jumped', [False, True])
+def test_a_vehicle_with_a_dvl_knows_after_a_restart_which_fixes_it_has_followed(
+    world, events, jumped
+):
+    before, after = cut(events)
+    first = Engine(world.params(configuration='default'))
+    drive(first, before)
+    assert first.saved().followed is None
+    first.ledger.integrity.followed.restore((300.0, -400.0, jumped))
+    saved = unpack(pack(first.saved()))
+    assert saved.followed == (300.0, -400.0, jumped)
+    again, _ = restarted(world.params(configuration='default'), saved, after)
+    said = {p.condition.key: p.condition for p in again.look().present}['fixes followed']
+    assert said.level is (Level.ERROR if jumped else Level.WARN)
+    assert ' 500 m' in said.sentence

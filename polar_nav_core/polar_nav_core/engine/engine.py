@@ -369,9 +369,7 @@ class Engine:
             stamp_ns=own_ns,
             since_start=self.ledger.fused_since_start,
             lost_heading=self._monitor.heading_to_save(self.fusion),
-            followed=self.ledger.integrity.followed
-            if self.params.mode == 'sins'
-            else saved.followed,
+            followed=self.ledger.integrity.followed.to_save() or saved.followed,
         )
 
     def state(self) -> InitialState | None:

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from .health.conditions import Condition, Culprit, Level, fixes_followed
+from .followed import Followed
+from .health.conditions import Condition, Culprit, Level
 from .unused import ALARMING, Unused, lasted_s
 
 _BELIEVED = 10
@@ -35,10 +36,6 @@ _SOON = 6
 """Those that show an estimate which runs away from them."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
-_SAME = 0.5
-"""Share of the first offset that must be left when fixes are followed: a jump stays."""
-_BACK = 0.5
-"""Share of the farthest way that fixes have led the estimate below which they have led it back."""
 
 
 @dataclass(frozen=True)
@@ -123,12 +120,7 @@ class IntegrityMonitor:
         self._newest_fused_validity_ns = 0
         self._doubted = False
         self._moved_m = 0.0
-        self._followed_G = np.zeros(3)
-        self._farthest_m = 0.0
-        self._leap_m = 0.0
-        self._believed_G: Array | None = None
-        """Offset of fixes that have jumped and are believed, until one is used."""
-        self._jumped = False
+        self.followed = Followed()
         self._held: tuple[Array, Array] | None = None
         self._agreed = 0
         self.longest_gated_s = 0.0
@@ -158,13 +150,8 @@ class IntegrityMonitor:
             self._refused = deque(later, maxlen=_KEPT)
             self._count = len(later)
             self._first_ns = min((r.receive_ns for r in later), default=0)
-        if later:
-            return
-        if self._believed_G is not None:
-            self._follow(self._believed_G)
-        elif follows:
-            self._follow(refused_G)
-        self._leap_m, self._believed_G = 0.0, None
+        if not later:
+            self.followed.used(refused_G if follows else None)
 
     def _release(self) -> None:
         """Count a fix that was fused since refused ones contradicted the estimate."""
@@ -189,8 +176,8 @@ class IntegrityMonitor:
             return False
         if not self._count:
             self._first_ns = receive_ns
-            if leaps and not self._leap_m:
-                self._leap_m = math.hypot(*offset_G.tolist())
+            if leaps:
+                self.followed.leapt(offset_G)
         self._refused.append(_Refused(validity_ns, receive_ns, offset_G))
         self._count += 1
         self._agreed = 0
@@ -267,8 +254,8 @@ class IntegrityMonitor:
 
         Fixes that were valid before count no more; ``moved_m`` is how far a start was off [m].
         """
-        if self._leap_m and self._refused:
-            self._believed_G = self._newest()[-1].offset_G
+        if self._refused:
+            self.followed.believed(self._newest()[-1].offset_G)
         self.longest_gated_s = max(self.longest_gated_s, self._gated_s(stamp_ns))
         self._refused.clear()
         self.unused.began(stamp_ns)
@@ -289,33 +276,7 @@ class IntegrityMonitor:
                 'sigma, and were believed: one of the two is wrong'
             )
             found.append(Condition('start', Level.WARN, Culprit.FIXES, sentence))
-        if self._followed() > _BACK * self._farthest_m:
-            found.append(fixes_followed(self._followed(), Culprit.FIXES, jumped=self._jumped))
-        return found
-
-    @property
-    def followed(self) -> tuple[float, float, bool]:
-        """Way to refused fixes that the estimate has followed [m], and whether they jumped."""
-        x, y, _ = self._followed_G.tolist()
-        return x, y, self._jumped
-
-    def known_followed(self, followed: tuple[float, float, bool]) -> None:
-        """Take over what another monitor had as `followed` before a restart."""
-        *way, self._jumped = followed
-        self._followed_G = np.array([*way, 0.0])
-        self._farthest_m = self._followed()
-
-    def _follow(self, offset_G: Array) -> None:
-        """Count an offset of refused fixes that the estimate has followed."""
-        stays = math.hypot(*offset_G.tolist()) > _SAME * self._leap_m > 0.0
-        self._followed_G += offset_G
-        self._farthest_m = max(self._farthest_m, self._followed())
-        back = self._followed() <= _BACK * self._farthest_m
-        self._jumped = not back and (self._jumped or stays)
-
-    def _followed(self) -> float:
-        """How far fixes that had been refused have moved the estimate [m]; back counts off."""
-        return math.hypot(*self._followed_G.tolist())
+        return [*found, *self.followed.conditions()]
 
     def lasting(self, stamp_ns: int) -> bool:
         """Whether fixes have been refused for longer than `max_gated_s` at a stamp."""

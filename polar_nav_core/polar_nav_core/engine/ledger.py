@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter, deque
 from collections.abc import Sequence
 from enum import Enum
@@ -12,6 +11,7 @@ from ..kernels.sins.update import Ints
 from .disagreement import RefusedRow
 from .events import Fix
 from .fix_record import FixRecord
+from .followed import leaps
 from .health.conditions import Condition, Culprit, Level
 from .health.heading import LostHeading
 from .integrity import IntegrityMonitor
@@ -29,8 +29,6 @@ _FUSED_KEPT = 1 << 18
 1.6 s. Each takes 24 bytes."""
 _REFUSED_KEPT = 4096
 """Fixes that the gate refused: they are apart, so that a flood of them drops no fused one."""
-_LEAP = 4.0
-"""Sigmas of two fixes beyond the farthest way between them: they have jumped."""
 _SUSPICION_NS = 60_000_000_000
 _SUSPICIOUS = {
     Verdict.NOT_FINITE: 'with numbers that no instrument states',
@@ -136,7 +134,7 @@ class FixLedger:
         records: tuple[bytes, bytes],
         since_start: int | None = None,
         lost_heading: LostHeading | None = None,
-        followed: tuple[float, float, bool] = (0.0, 0.0, False),
+        followed: tuple[float, float, bool] | None = None,
     ) -> None:
         """Replace counts and fixes by those of an earlier ledger, and its doubt of the heading.
 
@@ -152,7 +150,8 @@ class FixLedger:
         refused.unpack(records[1])
         self._of_fused, self._of_refused = fused, refused
         self.lost_heading = lost_heading
-        self.integrity.known_followed(followed)
+        if followed is not None:
+            self.integrity.followed.restore(followed)
         self._revisions.clear()
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
         self._fused_before = 0 if since_start is None else max(0, fixes[1] - since_start)
@@ -280,8 +279,9 @@ class FixLedger:
             self._fused[_FIX] += 1
             self._use(fix)
         else:
-            leaps = self._leaps(fix)
-            if self.integrity.gated(fix.validity_ns, cause.receive_ns, offset_G, leaps=leaps):
+            used, farthest = self._newest_used, self._params.max_speed
+            leapt = used is not None and fix.polar is None and leaps(used, fix, farthest)
+            if self.integrity.gated(fix.validity_ns, cause.receive_ns, offset_G, leaps=leapt):
                 self.refused_row.add(fix, offset_G)
             self.suspect(refused_verdict(outcome), cause.receive_ns)
             self._fused[_FIX] -= revision > 0
@@ -291,18 +291,6 @@ class FixLedger:
         """Note a fix that was fused."""
         if fix.validity_ns >= self._last_validity_ns:
             self._last_validity_ns, self._newest_used = fix.validity_ns, fix
-
-    def _leaps(self, fix: Fix) -> bool:
-        """Whether a fix lies farther from the newest one used than the vehicle can have moved."""
-        used = self._newest_used
-        if used is None or fix.polar is not None:
-            return False
-        way_e = fix.r_e - used.r_e
-        length = math.hypot(*way_e.tolist())
-        since_s = abs(fix.validity_ns - used.validity_ns) * 1e-9
-        rest = length - self._params.max_speed * since_s
-        square = float(way_e @ (fix.covariance_e + used.covariance_e) @ way_e)
-        return rest > 0.0 and rest * length > _LEAP * math.sqrt(square)
 
     def _revised(self, fix: Fix) -> int:
         """Number of the revision of a fix that was decided anew, from 1."""

@@ -79,9 +79,9 @@ class SavedState(InitialState):
     lost_heading : (int, bool) or None
         When the navigation began anew with a heading [ns], and whether one was measured since;
         None where it did not, and in older files.
-    followed : (float, float, bool)
+    followed : (float, float, bool) or None
         Way to refused fixes that the estimate has followed [m], grid axes or those of the station,
-        and whether they had jumped; zeros in older files.
+        and whether they had jumped; None where it has not, and in older files.
     seen : Seen or None
         What its new owner saw of the vehicle before it goes on from it; not part of the bytes.
     """
@@ -95,7 +95,7 @@ class SavedState(InitialState):
     vehicle: str = ''
     since_start: int | None = None
     lost_heading: tuple[int, bool] | None = None
-    followed: tuple[float, float, bool] = (0.0, 0.0, False)
+    followed: tuple[float, float, bool] | None = None
     seen: Seen | None = None
 
     def doubt(self) -> LostHeading | None:
@@ -184,6 +184,7 @@ def _read(body: bytes, version: int) -> SavedState:
     fused, refused = records
     received, used, newest_ns = (_count(n) for n in header['fixes'])
     since_start, lost = header.get('since_start'), header.get('lost_heading')
+    followed = header.get('followed')
     plain: dict[str, Any] = dict(header['initial'])
     v_x, v_y, v_z = map(float, plain.pop('v_G'))
     numbers: dict[str, Any] = {name: float(value) for name, value in plain.items()}
@@ -199,7 +200,7 @@ def _read(body: bytes, version: int) -> SavedState:
         vehicle=str(header.get('vehicle', '')),
         since_start=None if since_start is None else _count(since_start),
         lost_heading=None if lost is None else _lost(*lost),
-        followed=_followed(*header.get('followed', (0.0, 0.0, False))),
+        followed=None if followed is None else _followed(*followed),
     )
 
 

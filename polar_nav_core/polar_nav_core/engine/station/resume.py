@@ -97,9 +97,10 @@ def resume(b: ss.Bank, c: ss.Settings, C_b_G: Array, saved: SavedState, stamp_ns
     """
     for name in _NAMES:
         getattr(b, name)[:] = saved.values[name]
-    *way, jumped = saved.followed
-    b.counters[ss.FOLLOWED_MM : ss.FOLLOWED_MM + 2] = np.rint(1e3 * np.array(way))
-    b.counters[ss.JUMPED] = jumped
+    if saved.followed is not None:
+        *way, jumped = saved.followed
+        b.counters[ss.FOLLOWED_MM : ss.FOLLOWED_MM + 2] = np.rint(1e3 * np.array(way))
+        b.counters[ss.JUMPED] = jumped
     away_s = saved.away_s(stamp_ns)
     v_G = np.array(saved.v_G)
     r_e = c.origin_e + c.C_e_A.T @ b.x[0, ss.POSITION : ss.CURRENT]
