@@ -46,6 +46,7 @@ MODULES = {
     'engine.plausibility': ('plausibility',),
     'engine.integrity': ('integrity_monitor', 'integrity'),
     'engine.clocks': ('clock_rules', 'clocks'),
+    'engine.followed': ('followed', 'integrity_monitor'),
     'link.packet': ('packet', 'station_packet'),
     'kernels.frames.grid': ('grid', 'strapdown'),
     'kernels.frames.strapdown': ('strapdown', 'ecef_mechanization'),

@@ -31,7 +31,7 @@ def leaps(used: Fix, fix: Fix, max_speed: float) -> bool:
     since_s = abs(fix.validity_ns - used.validity_ns) * 1e-9
     rest = length - max_speed * since_s
     square = float(way_e @ (fix.covariance_e + used.covariance_e) @ way_e)
-    return rest > 0.0 and rest * length > _SIGMAS * math.sqrt(square)
+    return rest * length > _SIGMAS * math.sqrt(square)
 
 
 class Followed:
