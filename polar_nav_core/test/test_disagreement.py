@@ -1,11 +1,13 @@
 """Refused fixes: those that show a wrong heading are believed, displaced ones are not."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 from closed_loop import World, inputs_of, run
 
+from polar_nav_core.attitude import matrix_from_euler
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.disagreement import Present, Refused, RefusedRow, Unlearnt, turn_of
 from polar_nav_core.engine.engine import Engine
@@ -13,7 +15,7 @@ from polar_nav_core.engine.events import Command, CommandKind
 from polar_nav_core.engine.health.heading import heading_lost, heading_unknown
 from polar_nav_core.engine.health.watchdog import Level
 from polar_nav_core.engine.integrity import IntegrityMonitor
-from polar_nav_core.engine.sins.turned import forget
+from polar_nav_core.engine.sins.turned import forget, free_since_ns
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.sins import update as kf
@@ -147,6 +149,51 @@ def test_fixes_turn_a_heading_that_has_locked(world, velocity):
     assert found.health[-1].resets >= 1
     said = [p.condition for h in found.health for p in h.present]
     assert any(c.key == 'fixes reopened' and c.level is Level.ERROR for c in said)
+
+
+def leaping(world, heading_deg, *, rate=3.0, sigma_deg=1.3):
+    """Engine at the ping in a fast turn that contradicts its heading, with common errors of a DVL.
+
+    An IMU that lacks a sample where the turn begins leaves such a sigma.
+    """
+    common = {'configuration': 'default', 'dvl_latency_sigma': 0.05, 'dvl_lever_sigma': 0.1}
+    engine = Engine(world.params(**common))
+    pings = world.dvl(rng=np.random.default_rng(2))[:150]
+    ping = pings.pop()
+    before = [
+        e for e in [*world.imu()[:2998], *pings, *world.depth()] if e.stamp_ns < ping.stamp_ns
+    ]
+    run(engine, before)
+    state = engine.fusion.filter.state
+    turn = matrix_from_euler(math.radians(heading_deg), 0.0, 0.0)
+    state.C_b_G[:] = turn @ state.C_b_G
+    state.P[2, 2] += math.radians(sigma_deg) ** 2
+    for sample in world.imu()[2998:3000]:
+        omega = sample.omega_ib_b + np.array([0.0, 0.0, rate])
+        list(engine.process(dataclasses.replace(sample, omega_ib_b=omega)))
+    list(engine.process(ping))
+    list(engine.process(world.imu()[3000]))
+    return engine
+
+
+def test_a_ping_that_leaps_frees_the_heading_and_is_an_error(world):
+    engine = leaping(world, 12.0)
+    f = engine.fusion.filter
+    assert f.state.counters[fs.REFUSED_ROW + fs.DVL_ROW] == 0
+    assert f.state.counters[fs.LEAPT_NS] == f.state.counters[fs.USED_NS + fs.DVL_ROW]
+    assert free_since_ns(f) == f.state.counters[fs.LEAPT_NS]
+    (leapt,) = [p.condition for p in engine.look().present if p.condition.key == 'DVL leapt']
+    assert leapt.level is Level.ERROR
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [{'heading_deg': 2.0}, {'heading_deg': 12.0, 'sigma_deg': 12.0}, {'heading_deg': 60.0}],
+)
+def test_a_ping_that_is_refused_or_as_expected_does_not_leap(world, changes):
+    f = leaping(world, **changes).fusion.filter
+    assert f.state.counters[fs.LEAPT_NS] == 0
+    assert free_since_ns(f) is None
 
 
 @pytest.mark.parametrize('handling', ['clone', 'rewind', 'back_propagate'])

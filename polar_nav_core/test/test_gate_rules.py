@@ -374,6 +374,24 @@ def test_an_opened_gate_is_counted_and_its_memories_begin_anew(stream):
     assert (s.counters[fs.BORN_NS], s.counters[fs.BIRTH_NS]) == (0, 0)
 
 
+@pytest.mark.parametrize(
+    ('values', 'expected'),
+    [
+        ({2: 0.11}, True),
+        ({2: -0.11}, True),
+        ({2: 0.09}, False),
+        ({3: 0.4, 4: -0.4}, True),
+        ({3: 0.3, 4: -0.3}, False),
+        ({0: 1.0, 1: 1.0, 5: 9.0, 6: 9.0}, False),
+    ],
+)
+def test_a_correction_leaps_by_its_turn_about_up_or_its_horizontal_velocity(values, expected):
+    x = np.zeros(N)
+    for k, value in values.items():
+        x[k] = value
+    assert reopen.leaps(x) is expected
+
+
 @pytest.fixture
 def stored():
     """State, scratch and a log whose newest step of several has stored another covariance."""

@@ -154,6 +154,16 @@ def test_a_gate_that_was_opened_again_is_an_error_for_a_minute():
     assert not look(kept, stamp_ns=10**12 + 61 * 10**9, opened_ns=opened).present
 
 
+def test_a_ping_that_leapt_is_an_error_for_a_minute():
+    """It passed the gate: nothing else says that the attitude was wrong."""
+    assert not look(memories(), stamp_ns=10**9).present
+    (present,) = look(memories(), stamp_ns=1059 * 10**9, leapt_ns=1000 * 10**9).present
+    assert present.condition.level is Level.ERROR
+    assert present.condition.culprit == Culprit.IMU | Culprit.DVL
+    assert 'by far too much 59 s ago' in present.condition.sentence
+    assert not look(memories(), stamp_ns=1060 * 10**9, leapt_ns=1000 * 10**9).present
+
+
 def test_states_that_no_vehicle_can_be_in():
     assert '20.0 m/s is faster' in look(memories(), speed=20.0).sentence
     assert 'no depth' in look(memories(), depth=9000.0).sentence

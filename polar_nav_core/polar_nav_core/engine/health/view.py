@@ -57,6 +57,8 @@ class View:
         What innovations show of the common errors (kernels.sins.shared); None where nobody looks.
     evidence : Evidence or None
         About slow faults; None where nobody looks.
+    leapt_ns : int
+        When a ping last corrected more than an attitude that is right needs; 0 for never.
     compass : Compass or None
         Measured headings; None where they are not used.
     """
@@ -75,6 +77,7 @@ class View:
     shared: Array | None = None
     leader_stated: bool = False
     evidence: Evidence | None = None
+    leapt_ns: int = 0
     compass: Compass | None = None
 
 

@@ -56,7 +56,7 @@ that runs away is metres off before half of the last thirty are refused."""
 _MISSING_SHARE = 0.05
 """Of the IMU samples, from which on it is said that some are missing."""
 AFTER_S = 60.0
-"""A gate that was opened again stays a condition for so long."""
+"""A gate that was opened again, or a ping that leapt, stays a condition for so long."""
 
 ALONE_S = 5.0
 """Without a DVL that was used for so long a navigation is alone with its IMU and the fixes."""
@@ -98,6 +98,7 @@ class Watchdog:
         found += heading_conditions(view.compass, view.stamp_ns, self._envelope.silent_after_s)
         for stream in (DVL, DEPTH):
             found += _refusals(view, s, stream)
+        found += _leapt(view)
         too_fast = view.speed > self._envelope.max_speed
         contradicted = max(map(abs, s.grid_mean[DVL, watch.SHORT].tolist()))
         enough = s.number[DVL, watch.SHORT] >= FEWEST
@@ -195,6 +196,18 @@ def _reopened(view: View, stream: int, culprit: Culprit | None = None) -> list[C
     )
     blamed = _CULPRITS[stream] if culprit is None else culprit
     return [Condition(f'{name} reopened', Level.ERROR, blamed, sentence)]
+
+
+def _leapt(view: View) -> list[Condition]:
+    """A ping corrected more than an attitude that is right needs, not long ago."""
+    since_s = (view.stamp_ns - view.leapt_ns) * 1e-9
+    if not view.leapt_ns or since_s >= AFTER_S:
+        return []
+    sentence = (
+        f'a DVL ping corrected attitude or velocity by far too much {since_s:.0f} s ago: the '
+        'gyros missed a turn, or measured one that never was; the heading may be off'
+    )
+    return [Condition('DVL leapt', Level.ERROR, Culprit.IMU | Culprit.DVL, sentence)]
 
 
 def is_alone(view: View) -> bool:

@@ -42,7 +42,7 @@ def weigh_refused(
     """
     if not p.reopen_after_s:
         return False
-    since_ns = _opened_ns(f)
+    since_ns = free_since_ns(f)
     heading = min(sigma_heading, MOST_HEADING) if since_ns is None else MOST_HEADING
     unlearnt = Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma)
     present = Present(f.stamp_ns, f.frames.point_e, partial(_track, f))
@@ -67,18 +67,21 @@ def _track(f: NavigationFilter, stamps_ns: Ints) -> Complex | None:
     return np.asarray(ahead, dtype=np.complex128)
 
 
-def _opened_ns(f: NavigationFilter) -> int | None:
-    """When the DVL's gate had to be opened again [ns]; None if it was not, or is long ago.
+def free_since_ns(f: NavigationFilter) -> int | None:
+    """Since when the heading may be any [ns]; None if nothing has shown that, or long ago.
 
-    What was wrong with the attitude then, a turn that the gyros missed or one that never was, may
-    have been about up, too: a DVL does not show it. Where no ping was used since, dead reckoning
-    has a velocity that is wrong in other ways than by a turn.
+    The DVL's gate had to be opened again, or a ping was used whose correction leaps. What was
+    wrong with the attitude then, a turn that the gyros missed or one that never was, may have been
+    about up, too: a DVL does not show it. Where no ping was used since a gate was opened, dead
+    reckoning has a velocity that is wrong in other ways than by a turn.
     """
     counters = f.state.counters
     opened_ns = int(counters[fs.OPENED_NS + fs.DVL_ROW])
-    lately = opened_ns > f.start_ns and f.stamp_ns - opened_ns < AGAIN_NS
-    is_used = counters[fs.USED_NS + fs.DVL_ROW] > opened_ns
-    return opened_ns if lately and is_used else None
+    if not counters[fs.USED_NS + fs.DVL_ROW] > opened_ns:
+        opened_ns = 0
+    since_ns = max(opened_ns, int(counters[fs.LEAPT_NS]))
+    lately = since_ns > f.start_ns and f.stamp_ns - since_ns < AGAIN_NS
+    return since_ns if lately else None
 
 
 def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import math
 
+from ...arrays import Array
 from .. import watch
 from ..cache import entry, kernel
 from . import state as fs
@@ -65,6 +66,8 @@ FIXES = 3
 """Fixes refused in a row that contradict the navigation together with a DVL."""
 AGAIN_NS = 600_000_000_000
 """So long after the gate opened for the last time there is another chance."""
+LEAP_TURN, LEAP = 0.1, 0.5
+"""Turn about up [rad] and horizontal velocity [m/s] beyond which one ping's correction leaps."""
 GRAVITY = 9.8
 """What leaks into the horizontal acceleration per radian of tilt [m/s^2]."""
 
@@ -232,6 +235,19 @@ def _take_back(s: State, w: Work) -> None:
             for j in range(N):
                 s.P[k, j] *= factor
                 s.P[j, k] *= factor
+
+
+@kernel
+def leaps(x: Array) -> bool:
+    """Whether a ping's correction x (24,) is larger than that of an attitude that is right.
+
+    One that contradicts the covariance, or those refused before it, passes a gate all the same
+    where common errors of the DVL are large, in a fast turn, or the attitude has become unsure
+    while others were refused. A turn that never was, or one that the gyros missed, begins so; how
+    much of it is about up no ping shows.
+    """
+    square: float = x[VELOCITY] * x[VELOCITY] + x[VELOCITY + 1] * x[VELOCITY + 1]
+    return abs(x[UP]) > LEAP_TURN or square > LEAP * LEAP
 
 
 @kernel

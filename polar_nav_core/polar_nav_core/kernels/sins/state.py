@@ -86,7 +86,8 @@ MISSING_NS = HEADING + 11  # time of samples that were missing, of the last FADE
 INTERVAL_NS = HEADING + 12  # the newest interval between IMU samples (fill)
 REFUSED_ROW = HEADING + 13  # three: newest measurements refused one after the other, per stream
 FROM_NS = HEADING + 16  # late fixes that are valid before are out of reach
-COUNTERS = HEADING + 17
+LEAPT_NS = HEADING + 17  # stamp of the newest ping that was used and leaps (reopen)
+COUNTERS = HEADING + 18
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0

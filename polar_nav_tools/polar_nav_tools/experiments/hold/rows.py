@@ -46,6 +46,8 @@ _WITHOUT_DVL = (
     'packet_displaced:500', 'packet_drift:0.05', 'packet_silent:30',
 )  # fmt: skip
 """Nothing but fixes vouches for such a vehicle."""
+_TURNING = ('imu_yaw:30', 'imu_yaw:90', 'imu_yaw:130')
+"""On a racetrack a turn that never was is no offset of a straight track."""
 _STATION = (
     'imu_silent:1', 'imu_silent:20', 'imu_2038', 'imu_rate:30', 'imu_swapped', 'imu_stuck:10',
     'thrust_absurd:1e6', 'thrust_silent:30', 'thrust_silent:inf', 'thrust_nan', 'thrust_swapped',
@@ -58,6 +60,7 @@ _STATION = (
 def _rows() -> dict[str, Row]:
     groups = (
         ('', _SINS, inertial()),
+        ('turning/', _TURNING, inertial(mission='racetrack')),
         ('no_dvl/', _WITHOUT_DVL, inertial(dvl_rate_hz=0.0)),
         ('station/', _STATION, station()),
     )
