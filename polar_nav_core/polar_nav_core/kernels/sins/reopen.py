@@ -111,16 +111,25 @@ def is_backed(s: State, stream: int) -> bool:
 
 @kernel
 def is_contradicted(s: State, stream: int) -> bool:
-    """Whether another aid contradicts the inertial navigation with a DVL.
+    """Whether the inertial navigation with a DVL is contradicted by more than the DVL.
 
-    Depths do, or fixes refused in a row with a DVL that was believed: at the start either may be
-    wrong.
+    Depths do so, or fixes refused in a row with a DVL that was believed (at the start either may
+    be wrong), or an attitude that was wrong just now: fixes that hold velocity and position of one
+    that has turned vouch for no heading.
     """
     return is_backed(s, stream) or (
         stream == fs.DVL_ROW
         and s.counters[fs.USES + stream] >= NEVER_BELIEVED
-        and s.counters[fs.REFUSED_ROW + fs.FIX_ROW] >= FIXES
+        and (s.counters[fs.REFUSED_ROW + fs.FIX_ROW] >= FIXES or _leapt_since(s))
     )
+
+
+@kernel
+def _leapt_since(s: State) -> bool:
+    """Whether a ping has leapt not long ago, and since the DVL's gate was last opened."""
+    leapt_ns = s.counters[fs.LEAPT_NS]
+    lately = s.counters[fs.STAMP] - leapt_ns < AGAIN_NS
+    return bool(lately and leapt_ns > s.counters[fs.OPENED_NS + fs.DVL_ROW])
 
 
 @kernel
