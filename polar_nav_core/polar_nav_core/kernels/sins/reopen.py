@@ -256,7 +256,7 @@ def leaps(x: Array) -> bool:
     much of it is about up no ping shows.
     """
     square: float = x[VELOCITY] * x[VELOCITY] + x[VELOCITY + 1] * x[VELOCITY + 1]
-    return abs(x[UP]) > LEAP_TURN or square > LEAP * LEAP
+    return bool(abs(x[UP]) > LEAP_TURN or square > LEAP * LEAP)
 
 
 @kernel
