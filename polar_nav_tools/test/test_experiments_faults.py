@@ -121,6 +121,8 @@ def test_random_rows_are_those_of_their_numbers_and_can_be_injected():
             assert tuple(injected.parse(text) for text in row.text.split()) == row.injections
             assert row.text in row.name
             assert row.at_s == 120.0
+    (large,) = rows_named('random:588')  # as drawn it is 90 km, which no packet holds
+    assert [(i.fault.name, i.size) for i in large.injections] == [('packet_sigma', 1.3e4)]
     with pytest.raises(ConfigError, match="'random:x' has no number"):
         rows_named('random:x')
 

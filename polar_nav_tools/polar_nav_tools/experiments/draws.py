@@ -13,15 +13,20 @@ from polar_nav_core.errors import ConfigError
 
 @dataclass(frozen=True)
 class Size:
-    """A size between two, each power of ten as likely; ``signed``: of either sign."""
+    """A size between two, each power of ten as likely, and ``most`` where it would be larger.
+
+    ``signed``: of either sign.
+    """
 
     low: float
     high: float
     signed: bool = False
+    most: float = math.inf
 
     def draw(self, rng: np.random.Generator) -> float:
         """Return one."""
         size = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
+        size = min(size, self.most)
         return -size if self.signed and rng.random() < 0.5 else size
 
 

@@ -63,7 +63,7 @@ _SIZES: Mapping[str, Size | OneOf] = {
     'packet_drift': Size(0.05, 10.0),
     'packet_replayed': _COUNT,
     'packet_burnt': OneOf((10.0, 100.0, 600.0)),
-    'packet_sigma': Size(1e-3, 1e5),
+    'packet_sigma': Size(1e-3, 1e5, most=1.3e4),  # a packet holds no larger one
 }
 """What the size of a fault is drawn from; one that is not here has none, or that of its stream."""
 _OF_A_STATION = {'packet_jump': Size(5.0, 2e3), 'packet_displaced': Size(5.0, 2e3)}
