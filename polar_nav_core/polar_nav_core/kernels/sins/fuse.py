@@ -27,11 +27,10 @@ from .hindsight import (
 from .imu import place
 from .judge import adapt_noise, dof_of, is_definite_in_doubt, judge, passes, remember
 from .reopen import (
-    NEVER_BELIEVED,
     begin_anew,
     doubt_heading,
-    leaps,
     may_begin_anew,
+    note_leap,
     open_gate,
     opens,
     turns_too_far,
@@ -41,7 +40,7 @@ from .runaway import follow, open_wide, runs_away
 from .settings import Settings
 from .signatures import note
 from .state import Frames, State
-from .update import feed_back, nis_of, update
+from .update import feed_back, update
 from .work import Work
 
 
@@ -211,11 +210,8 @@ def fuse_rows(
         s.tally[stream, fs.NIS_SUM] += w.nis[0]
     if log.H.shape[0] > 0:
         enter_update(s, w, log, rings.UPDATE, m, dof_of(w, stream, m), rank)
-    if stream == fs.DVL_ROW and not is_held(log) and leaps(w.x):
-        beyond = refused > 0 or nis_of(w.L, w.z, w.w, m) > c.gates[m]
-        opened = s.counters[fs.OPENED_NS + stream] == s.counters[fs.STAMP]
-        if beyond and not opened and s.counters[fs.USES + stream] >= NEVER_BELIEVED:
-            s.counters[fs.LEAPT_NS] = s.counters[fs.STAMP]
+    if stream == fs.DVL_ROW and not is_held(log):
+        note_leap(s, c, w, refused)
     if c.carries_heading and stream == fs.DVL_ROW and not anew and not is_held(log):
         note_ping(s.carried, s.v_G, w.x)
     apply_correction(s, c, past, w, log)

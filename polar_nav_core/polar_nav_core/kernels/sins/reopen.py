@@ -35,7 +35,7 @@ from .settings import Settings
 from .shared import clear_shared
 from .signatures import clear_evidence
 from .state import State
-from .update import N, gain_of
+from .update import N, gain_of, nis_of
 from .work import Work
 
 FEWEST = 20.0
@@ -248,15 +248,26 @@ def _take_back(s: State, w: Work) -> None:
 
 @kernel
 def leaps(x: Array) -> bool:
-    """Whether a ping's correction x (24,) is larger than that of an attitude that is right.
-
-    One that contradicts the covariance, or those refused before it, passes a gate all the same
-    where common errors of the DVL are large, in a fast turn, or the attitude has become unsure
-    while others were refused. A turn that never was, or one that the gyros missed, begins so; how
-    much of it is about up no ping shows.
-    """
+    """Whether a ping's correction x (24,) is larger than that of an attitude that is right."""
     square: float = x[VELOCITY] * x[VELOCITY] + x[VELOCITY + 1] * x[VELOCITY + 1]
     return bool(abs(x[UP]) > LEAP_TURN or square > LEAP * LEAP)
+
+
+@kernel
+def note_leap(s: State, c: Settings, w: Work, refused: int) -> None:
+    """Note a used ping that leaps and contradicts the covariance, or those ``refused`` before it.
+
+    It passes a gate all the same where common errors of the DVL are large, in a fast turn, or the
+    attitude has become unsure while others were refused. A turn that never was, or one that the
+    gyros missed, begins so; how much of it is about up no ping shows. One whose gate was opened is
+    known as that.
+    """
+    if not leaps(w.x) or s.counters[fs.USES + fs.DVL_ROW] < NEVER_BELIEVED:
+        return
+    opened = s.counters[fs.OPENED_NS + fs.DVL_ROW] == s.counters[fs.STAMP]
+    own_nis = nis_of(w.L, w.z, w.w, fs.VECTOR)  # without the common errors
+    if not opened and (refused > 0 or own_nis > c.gates[fs.VECTOR]):
+        s.counters[fs.LEAPT_NS] = s.counters[fs.STAMP]
 
 
 @kernel
