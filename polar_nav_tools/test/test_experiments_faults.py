@@ -21,8 +21,9 @@ from polar_nav_tools.experiments.hold.offline import write
 from polar_nav_tools.experiments.hold.plan import COLUMNS, FAULTS, _world_of, plan, run_job
 from polar_nav_tools.experiments.hold.random_rows import PREFIXES
 from polar_nav_tools.experiments.hold.rows import ROWS, rows_named
+from polar_nav_tools.experiments.hold.shown import shown_by_fixes
 from polar_nav_tools.experiments.hold.table import tables
-from polar_nav_tools.experiments.hold.trace import Listener, Trace, Word
+from polar_nav_tools.experiments.hold.trace import Innovation, Listener, Trace, Word
 from polar_nav_tools.experiments.received import message_of
 from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.runner import tasks_of
@@ -49,16 +50,54 @@ def errors(off, sigma=1.0, until=UNTIL_S):
     return Errors(t, d, np.repeat(np.asarray(s, float)[:, None], 3, axis=1))
 
 
-def verdict(found, words=WARNED, level=0, ended='', end_s=END_S):
+def verdict(found, words=WARNED, level=0, ended='', end_s=END_S, seen=()):
     trace = Trace(
         found.time_s, np.zeros((0, 3)), found.sigma_G, words,
-        np.full(int(UNTIL_S), level), FIXES, ended,
+        np.full(int(UNTIL_S), level), FIXES, ended, innovations(seen),
     )  # fmt: skip
-    return judge(errors(0.5), (), found, trace, START_S, end_s, UNTIL_S)
+    clean = replace(Trace.nothing(''), fixes=innovations([0.0] * len(seen)))
+    return judge(errors(0.5), clean, found, trace, START_S, end_s, UNTIL_S)
+
+
+def innovations(z):
+    """Fixes of 2 m per axis from 2 s before the fault on, 1.5 s late, off by (z, -z)."""
+    return {
+        ('leader', k): Innovation(START_S - 0.5 + 2 * k, (off, -off), (4.0, 4.0))
+        for k, off in enumerate(z)
+    }
 
 
 def between(low, high, value):
     return lambda t: np.where((t >= low) & (t < high), value, 0.5)
+
+
+def test_fixes_show_a_fault_when_its_best_test_has_five_sigma():
+    # The first came before the fault. Each of the others adds 2 z^2 / 4: 2, 8, 12.5 and 2.
+    judged = verdict(errors(between(100, 120, 5.5)), seen=[9.0, 2.0, 4.0, 5.0, 2.0])
+    assert judged.shown_sigmas == pytest.approx(math.sqrt(24.5))
+    assert math.isnan(judged.shown_s)
+    assert judged.unsaid_since_s == 0.0
+    judged = verdict(errors(between(100, 120, 5.5)), seen=[9.0, 2.0, 4.0, 5.0, 3.0])
+    assert judged.shown_s == 7.5
+    # Of 20 seconds beyond 5 sigma without ERROR, from 100 s to 119 s, twelve are later.
+    assert (judged.verdict, judged.unsaid_s, judged.unsaid_since_s) == ('SILENT', 20.0, 12.0)
+
+
+def test_the_evidence_of_fixes_is_what_a_matched_filter_has():
+    """Against sampling: the statistic of a test that knows the shape has a mean of J sigmas."""
+    rng = np.random.default_rng(3)
+    shape = rng.normal(size=(7, 2))
+    variance = rng.uniform(1.0, 4.0, size=(7, 2))
+    usual = rng.normal(size=(4000, 7, 2)) * np.sqrt(variance)
+    weights = shape / variance
+    spread = (usual * weights).sum(axis=(1, 2)).std()
+    expected = (shape * weights).sum() / spread
+
+    def fixes(z):
+        return {('l', k): Innovation(float(k), tuple(z[k]), tuple(variance[k])) for k in range(7)}
+
+    shown = shown_by_fixes(fixes(usual[0]), fixes(usual[0] + shape), 0.0)
+    assert shown.sigmas == pytest.approx(expected, rel=0.05)
 
 
 def test_recovered_in_time():

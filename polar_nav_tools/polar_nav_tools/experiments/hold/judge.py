@@ -14,6 +14,7 @@ import numpy as np
 
 from polar_nav_core.arrays import Array
 
+from .shown import shown_by_fixes
 from .trace import Trace, Word
 
 RECOVER_S = 60.0
@@ -52,6 +53,11 @@ class Judged:
         Largest and last horizontal error from the fault on [m].
     unsaid_s : float
         Seconds beyond 5 sigma without ERROR [s].
+    shown_s, shown_sigmas : float
+        Time after the fault's start at which the best test of the fixes shows it [s], NaN if it
+        never does; evidence of all fixes.
+    unsaid_since_s : float
+        Those of `unsaid_s` that are later than that.
     sigma_ratio : float
         Largest ratio of the stated sigma to that without the fault, after the time of recovery.
     """
@@ -63,6 +69,9 @@ class Judged:
     worst_m: float
     end_m: float
     unsaid_s: float
+    shown_s: float
+    shown_sigmas: float
+    unsaid_since_s: float
     sigma_ratio: float
 
 
@@ -93,7 +102,7 @@ class Errors:
 
 
 def judge(
-    clean: Errors, clean_words: tuple[Word, ...], found: Errors, trace: Trace,
+    clean: Errors, clean_trace: Trace, found: Errors, trace: Trace,
     start_s: float, end_s: float, until_s: float,
 ) -> Judged:  # fmt: skip
     """Judgement of a run.
@@ -102,26 +111,26 @@ def judge(
     ----------
     clean, found : Errors
         Without and with the fault.
-    clean_words : tuple of Word
-        Reports of the run without the fault.
-    trace : Trace
-        Of the run with it.
+    clean_trace, trace : Trace
+        Of the run without the fault, and with it.
     start_s, end_s, until_s : float
         Of the fault; its end is infinite if it lasts. End of the run.
     """
-    word = first_new(trace.words, clean_words, start_s)
+    word = first_new(trace.words, clean_trace.words, start_s)
     reported_s = math.nan if word is None else word.time_s - start_s
     sentence = '' if word is None else ('', 'WARN', 'ERROR')[word.level] + ': ' + word.sentence
     after = found.time_s >= start_s
     flat = found.horizontal[after]
     worst_m, end_m = (float(flat.max()), float(flat[-1])) if len(flat) else (math.nan, math.nan)
-    unsaid_s = _unsaid_s(clean, found, trace.level, start_s)
+    unsaid = _unsaid(clean, found, trace.level, start_s)
+    shown = shown_by_fixes(clean_trace.fixes, trace.fixes, start_s)
+    since = [second for second in unsaid if second >= shown.time_s]
     recovered_s, ratio = _recovered_s(clean, found, end_s)
     gone = not len(found.time_s) or found.time_s[-1] < until_s - _GONE_S or bool(trace.ended)
     lasts = math.isinf(end_s)
     if gone and (trace.ended or not lasts):
         verdict = DEAD
-    elif unsaid_s > 0.0:
+    elif unsaid:
         verdict = SILENT
     elif lasts:
         verdict = HONEST if word is None else REPORTED
@@ -129,7 +138,19 @@ def judge(
         verdict = RECOVERED
     else:
         verdict = SILENT if word is None else LOST
-    return Judged(verdict, recovered_s, reported_s, sentence, worst_m, end_m, unsaid_s, ratio)
+    return Judged(
+        verdict,
+        recovered_s,
+        reported_s,
+        sentence,
+        worst_m,
+        end_m,
+        unsaid_s=float(len(unsaid)),
+        shown_s=shown.time_s - start_s,
+        shown_sigmas=shown.sigmas,
+        unsaid_since_s=float(len(since)),
+        sigma_ratio=ratio,
+    )
 
 
 def first_new(words: tuple[Word, ...], clean: tuple[Word, ...], start_s: float) -> Word | None:
@@ -146,7 +167,7 @@ def _allowed_s(fused_s: Array, end_s: float) -> float:
     return max(RECOVER_S, 0.0 if math.isnan(tenth_s) else tenth_s - end_s)
 
 
-def _unsaid_s(clean: Errors, found: Errors, level: Array, start_s: float) -> float:
+def _unsaid(clean: Errors, found: Errors, level: Array, start_s: float) -> set[int]:
     """Seconds beyond 5 sigma without ERROR in this second or the next, nor without the fault."""
     beyond = (found.sigmas() > _BEYOND) & (found.time_s >= start_s)
     usual = {round(t) for t in clean.time_s[clean.sigmas() > _BEYOND]}
@@ -155,7 +176,7 @@ def _unsaid_s(clean: Errors, found: Errors, level: Array, start_s: float) -> flo
         stood = level[max(0, second - 1) : second + 2]
         if not (len(stood) and stood.max() >= 2) and not usual & {second, second + 1}:
             unsaid.add(second)
-    return float(len(unsaid))
+    return unsaid
 
 
 def _recovered_s(clean: Errors, found: Errors, end_s: float) -> tuple[float, float]:

@@ -134,7 +134,7 @@ def _run(made: _Made, job: FaultJob, messages: Sequence[Taken]) -> _Ran:
 def _judged(job: FaultJob, clean: _Published, found: _Published) -> Judged:
     return judge(
         clean.errors,
-        clean.trace.words,
+        clean.trace,
         found.errors,
         found.trace,
         job.row.at_s,

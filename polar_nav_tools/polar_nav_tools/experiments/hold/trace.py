@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,21 @@ class Word(NamedTuple):
         return _NUMBER.sub('#', self.sentence)
 
 
+class Innovation(NamedTuple):
+    """Horizontal innovation of a fix that was judged at a true time [s], grid axes.
+
+    Attributes
+    ----------
+    time_s : float
+    z_G, variance_G : (float, float)
+        Fix minus estimate [m], and its variance [m^2].
+    """
+
+    time_s: float
+    z_G: tuple[float, float]
+    variance_G: tuple[float, float]
+
+
 @dataclass(frozen=True)
 class Trace:
     """What a follower published in a run.
@@ -51,6 +67,8 @@ class Trace:
         When fixes were fused [s].
     ended : str
         Why there is no state at the end; empty where there is one.
+    fixes : mapping
+        First judgement of each fix, by sender and number.
     """
 
     time_s: Array
@@ -60,6 +78,7 @@ class Trace:
     level: Array
     fused_s: Array
     ended: str
+    fixes: Mapping[tuple[str, int], Innovation] = field(default_factory=dict)
 
     @classmethod
     def nothing(cls, ended: str) -> Trace:
@@ -78,6 +97,7 @@ class Listener:
         self._variance_G: list[Array] = []
         self._words: list[Word] = []
         self._fused_s: list[float] = []
+        self._fixes: dict[tuple[str, int], Innovation] = {}
 
     def hear(self, topic: str, message: Any, true_ns: int) -> None:  # noqa: ANN401 - of the topic
         """Take a message on a topic of the follower."""
@@ -107,8 +127,9 @@ class Listener:
         with np.errstate(invalid='ignore'):
             sigma_G = np.sqrt(variance)
         r_e = np.array(self._r_e).reshape(-1, 3)
+        fused_s = np.array(self._fused_s)
         return Trace(
-            np.array(self._time_s), r_e, sigma_G, words, level, np.array(self._fused_s), ended
+            np.array(self._time_s), r_e, sigma_G, words, level, fused_s, ended, self._fixes
         )
 
     def _state(self, time_s: float, message: NavState) -> None:
@@ -118,6 +139,10 @@ class Listener:
 
     def _receipt(self, time_s: float, message: FixReceipt) -> None:
         verdict = Verdict(message.verdict)
+        if message.source and np.isfinite(message.innovation_g).all():
+            name = message.source, message.sequence
+            (z_x, z_y, _), (v_x, v_y, _) = message.innovation_g, message.innovation_variance_g
+            self._fixes.setdefault(name, Innovation(time_s, (z_x, z_y), (v_x, v_y)))
         if verdict is Verdict.FUSED:
             self._fused_s.append(time_s)
         elif verdict not in _ACCEPTED:
