@@ -21,7 +21,9 @@ from polar_nav_core.engine.restart import age_problem, saved_problem
 from polar_nav_core.engine.saved import SavedStateError, pack, unpack
 from polar_nav_core.engine.sins.filter import NavigationFilter
 from polar_nav_core.engine.sins.leader import LeaderError, heard_problem
+from polar_nav_core.engine.sins.turned import free_since_ns
 from polar_nav_core.engine.verdicts import Verdict
+from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.station import state as ss
 
 CUT_S, AWAY_S = 40.0, 5.0
@@ -85,7 +87,7 @@ def test_bytes_give_the_same_state(saved):
     [
         (lambda d: d[:20], 'too few'),
         (lambda d: b'X' + d[1:], 'no saved state'),
-        (lambda d: d[:8] + struct.pack('<H', 6) + d[10:], 'format 6 .* up to 5'),
+        (lambda d: d[:8] + struct.pack('<H', 7) + d[10:], 'format 7 .* up to 6'),
         (lambda d: d[:-1], 'damaged'),
         (lambda d: d[:200] + bytes([d[200] ^ 1]) + d[201:], 'damaged'),
         (lambda d: d + b'0', 'damaged'),
@@ -183,7 +185,7 @@ def test_what_no_filter_can_start_from_is_refused(world, events, saved, change, 
 
 def as_format(version, saved, *without):
     """Bytes of a state as an older format had it."""
-    shorter = {'leader': slice(27)}
+    shorter = {'leader': slice(27)} if version < 5 else {}
     if version < 3:
         shorter = {'sensitivity': (slice(None), slice(12)), 'leader': slice(20)}
     values = {
@@ -196,7 +198,13 @@ def as_format(version, saved, *without):
 
 
 @pytest.mark.parametrize(
-    ('version', 'without'), [(1, ['leader', 'wander', 'used']), (2, ['wander', 'used']), (4, [])]
+    ('version', 'without'),
+    [
+        (1, ['leader', 'wander', 'used', 'free']),
+        (2, ['wander', 'used', 'free']),
+        (4, ['free']),
+        (5, ['free']),
+    ],
 )
 def test_a_state_of_an_older_format_is_read(world, events, saved, version, without):
     older = unpack(as_format(version, saved, *without))
@@ -221,9 +229,9 @@ def test_a_state_of_an_older_format_is_read(world, events, saved, version, witho
 
 def test_a_state_of_engine_3_is_refused_with_both_versions(world, saved):
     """It has no rate of turn, which the growth of the covariance over the time away needs."""
-    oldest = unpack(as_format(1, saved, 'leader', 'wander', 'turn', 'used'))
+    oldest = unpack(as_format(1, saved, 'leader', 'wander', 'turn', 'used', 'free'))
     problem = saved_problem(world.params(configuration='default'), oldest)
-    assert 'format 1 and engine 3, this is format 5 and engine' in problem
+    assert 'format 1 and engine 3, this is format 6 and engine' in problem
 
 
 def leader_fixes(count, begin_ns):
@@ -313,7 +321,7 @@ def test_a_sensor_that_is_silent_since_a_restart_is_missed(world, events, saved)
     assert engine.integrity.level is engine.integrity.level.WARN
     assert 'dead reckoning' in engine.integrity.sentence
     # Of an older state nobody knows.
-    older = unpack(as_format(3, saved, 'used'))
+    older = unpack(as_format(3, saved, 'used', 'free'))
     assert saved_problem(params, older) == ''
     said = [p.condition.sentence for p in restarted(params, older, imu)[0].health.present]
     assert not any(sentence.startswith(('no DVL', 'no depth')) for sentence in said)
@@ -323,6 +331,55 @@ def test_a_sensor_that_is_silent_since_a_restart_is_missed(world, events, saved)
 def turning_world():
     """A leg of 25 s, a half turn of 30 s at 6 deg/s, and the next leg."""
     return World(110.0, leg_s=25.0)
+
+
+def turned(saved, angle, free_for_s):
+    """A state whose attitude and velocity have been turned about up since [rad]."""
+    R = attitude.exp(np.array([0.0, 0.0, angle]))
+    v_G = R @ saved.values['v_G']
+    values = {
+        **saved.values,
+        'C_b_G': R @ saved.values['C_b_G'],
+        'v_G': v_G,
+        'free': np.array([free_for_s]),
+    }
+    return unpack(pack(dataclasses.replace(saved, v_G=tuple(v_G.tolist()), values=values)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('free_for_s', 'found'), [(590.0, True), (0.0, False)])
+def test_a_heading_that_may_be_any_still_may_after_a_restart(turning_world, free_for_s, found):
+    """Pings go along with a turn by 100 deg that never was: fixes show it, if it is possible."""
+    world = turning_world
+    params = world.params(configuration='default')
+    fixes = world.fixes(1.0, 1.5, rng=np.random.default_rng(9972))
+    before, after = cut(list(inputs_of(world, fixes, 9972).events()), 2.0, 20.0)
+    first = Engine(params)
+    drive(first, before)
+    saved = turned(first.saved(), np.deg2rad(100.0), free_for_s)
+    after = cut(after, 0.0, 22.0)[0]
+    last = [o for o in restarted(params, saved, after)[1] if isinstance(o, Estimate)][-1]
+    true = world.C_b_G[list(world.stamps).index(last.stamp_ns)]
+    off = abs(np.rad2deg(attitude.log(last.C_b_G @ true.T)[2]))
+    assert off < 5.0 if found else off > 30.0
+
+
+def test_a_ping_that_leapt_before_a_restart_is_remembered(world, events):
+    params = world.params(configuration='default')
+    before, after = cut(events)
+    engine = Engine(params)
+    drive(engine, before)
+    assert engine.saved().values['free'] == 0.0
+    leapt_ns = engine.last_imu_ns - 7_000_000_000
+    engine.fusion.filter.state.counters[fs.LEAPT_NS] = leapt_ns
+    saved = unpack(pack(engine.saved()))
+    assert saved.values['free'] == pytest.approx(593.0)
+    again, _ = restarted(params, saved, after[:1000])
+    assert free_since_ns(again.fusion.filter) == leapt_ns
+    said = [p.condition for p in again.health.present if p.condition.key == 'DVL leapt']
+    assert [c.level for c in said] == [Level.ERROR]
+    beyond = dataclasses.replace(saved, values={**saved.values, 'free': np.array([601.0])})
+    assert 'free of the state is beyond 600' in saved_problem(params, beyond)
 
 
 @pytest.mark.slow

@@ -25,12 +25,13 @@ from .events import InitialState
 from .health.heading import LostHeading
 
 _MAGIC: Final = b'POLARNAV'
-VERSION: Final = 5
+VERSION: Final = 6
 """Of the format of the bytes; older ones are read, too."""
 SINCE: Final[dict[int, dict[str, tuple[str, tuple[int, ...]]]]] = {
     2: {'sins 24': ('leader', (20,)), 'station 12': ('loose', (6,))},
     3: {'sins 24': ('wander', (2,))},
     4: {'sins 24': ('used', (2,))},
+    6: {'sins 24': ('free', (1,))},
 }
 """By format and layout: array that older ones did not have, its shape; zeros: nothing known."""
 GROWN: Final[dict[int, dict[str, dict[str, tuple[int, ...]]]]] = {

@@ -43,7 +43,7 @@ from .history import History, make_past
 from .leader import LeaderError
 from .log import STEPS_PER_BLOCK, make_log
 from .noise import ProcessNoise
-from .resume import note_used, resume
+from .resume import note_before, resume
 from .settings import make_settings
 
 _WHY = {
@@ -120,7 +120,7 @@ class NavigationFilter:
         self.start_ns = stamp_ns
         self.begin()
         if isinstance(initial, SavedState):
-            note_used(self.state, initial)
+            note_before(self.state, initial)
 
     def begin(self) -> None:
         """Begin at the state as it is: no past, one epoch, one snapshot."""

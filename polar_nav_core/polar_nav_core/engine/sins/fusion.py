@@ -34,6 +34,7 @@ from .history import Epoch
 from .resume import WANDER, save_state
 from .rows import fill_common, fill_dvl, fill_late_fix, innovation_covariance, refer_to_now
 from .streams import put_late_fix
+from .turned import free_since_ns
 
 
 class Fusion:
@@ -197,6 +198,7 @@ class Fusion:
             fixes,
             records,
             heading=self.filter.settings.heading.on,
+            free_since_ns=free_since_ns(self.filter),
         )
 
     def _velocities(self, length_s: float) -> tuple[Array, Array]:

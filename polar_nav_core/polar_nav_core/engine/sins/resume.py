@@ -11,6 +11,7 @@ from ...arrays import Array
 from ...error_model import X
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
+from ...kernels.sins.reopen import AGAIN_NS
 from ...order import FIX_ROW
 from .. import away
 from ..away import Seen
@@ -24,7 +25,7 @@ _NAMES = (
     'C_b_G', 'v_G', 'r_e', 'b_gyro_b', 'b_accel_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a',
     'P', 'sensitivity', 'model',
 )  # fmt: skip
-_TURN, WANDER, _LEADER, _USED = 'turn', 'wander', 'leader', 'used'
+_TURN, WANDER, _LEADER, _USED, _FREE = 'turn', 'wander', 'leader', 'used', 'free'
 LAYOUT = 'sins 24'
 _LEAST_GAP_S = 0.01
 _MOST = {
@@ -33,6 +34,7 @@ _MOST = {
     'dvl_scale_m': 1.0,
     'dvl_markov_m': 50.0,
     _TURN: 100.0,
+    _FREE: AGAIN_NS * 1e-9,
 }
 """Of arrays of a saved state, beyond what any vehicle has: SI units and radians."""
 _SAME_M, _SAME_M_S = 1.0, 0.1
@@ -50,6 +52,7 @@ def save_state(
     records: tuple[bytes, bytes],
     *,
     heading: bool = False,
+    free_since_ns: int | None = None,
 ) -> SavedState:
     """State of a filter as it is now, with how its track turned and wandered, and its fixes.
 
@@ -86,10 +89,18 @@ def save_state(
             WANDER: wander,
             _LEADER: leader.packed(),
             _USED: (s.counters[_LOCAL] > 0).astype(np.float64),
+            _FREE: np.array([_free_for_s(s, free_since_ns)]),
         },
         fixes=fixes,
         records=records,
     )
+
+
+def _free_for_s(s: fs.State, since_ns: int | None) -> float:
+    """For how long the heading may still be any [s]; 0 if nothing has shown that."""
+    if since_ns is None:
+        return 0.0
+    return (since_ns + AGAIN_NS - int(s.counters[fs.STAMP])) * 1e-9
 
 
 def _forget_last(P: Array, variances: Array) -> None:
@@ -125,7 +136,7 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
             f'this is format {VERSION} and engine {ENGINE_VERSION}'
         )
     added = dict(since[LAYOUT] for since in SINCE.values() if LAYOUT in since)
-    known = {**shapes, _TURN: (1,), **added, _LEADER: (HEARD,), _USED: (FIX_ROW,)}
+    known = {**shapes, _TURN: (1,), **added, _LEADER: (HEARD,)}
     problem = layout_problem(saved, LAYOUT, known)
     if problem:
         return problem
@@ -199,12 +210,16 @@ def resume(
     s.P[:] = 0.5 * (s.P + s.P.T)
 
 
-def note_used(s: fs.State, saved: SavedState) -> None:
-    """Let sensors that were used before count as used when the state was saved, and no later.
+def note_before(s: fs.State, saved: SavedState) -> None:
+    """Let the counters know what came before the restart.
 
-    So one that is silent since the restart is missed.
+    Sensors that were used count as used when the state was saved, and no later: one that is silent
+    since the restart is missed. A heading that may have been any may still be (`sins.turned`).
     """
     s.counters[_LOCAL] = np.where(saved.values[_USED] > 0.0, saved.stamp_ns, 0)
+    free_for_s = float(saved.values[_FREE][0])
+    if free_for_s > 0.0:
+        s.counters[fs.LEAPT_NS] = saved.stamp_ns + round(free_for_s * 1e9) - AGAIN_NS
 
 
 def _carry(s: fs.State, F: Array) -> None:

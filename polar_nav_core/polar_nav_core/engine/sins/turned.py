@@ -77,10 +77,10 @@ def free_since_ns(f: NavigationFilter) -> int | None:
     """
     counters = f.state.counters
     opened_ns = int(counters[fs.OPENED_NS + fs.DVL_ROW])
-    if not counters[fs.USED_NS + fs.DVL_ROW] > opened_ns:
+    if not counters[fs.USED_NS + fs.DVL_ROW] > opened_ns > f.start_ns:
         opened_ns = 0
     since_ns = max(opened_ns, int(counters[fs.LEAPT_NS]))
-    lately = since_ns > f.start_ns and f.stamp_ns - since_ns < AGAIN_NS
+    lately = since_ns > 0 and f.stamp_ns - since_ns < AGAIN_NS
     return since_ns if lately else None
 
 
