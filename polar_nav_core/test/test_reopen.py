@@ -268,6 +268,10 @@ def heading_at_end(result, world):
     return np.arctan2(C[1, 0] - C[0, 1], C[0, 0] + C[1, 1]), np.sqrt(result.track.P[-1, 2, 2])
 
 
+UNDOUBTED = {'imu_shock': 0.0}
+"""What a sample that leaps has done is in the covariance else, and no gate has to open."""
+
+
 def kicked(inputs, deg, axis, length_s=0.1, start_s=20.0):
     """Gyros that measure a turn about an axis of the body which never was."""
     since_s = (inputs.imu_stamps_ns - inputs.imu_stamps_ns[0]) * 1e-9 - start_s
@@ -292,11 +296,12 @@ def off(result, world, stamp_ns):
 @pytest.mark.parametrize(('deg', 'axis'), [(1.0, 0), (3.0, 0), (20.0, 0), (5.0, 1)])
 def test_a_tilt_that_is_wrong_at_once_is_found_with_the_velocity(world, inputs, deg, axis):
     """Gravity leaks in by it, and would again, were only the velocity mended."""
-    result = run(world, kicked(inputs, deg, axis))
+    result = run(world, kicked(inputs, deg, axis), **UNDOUBTED)
     start_ns = int(result.track.stamps_ns[0])
     assert first_opening_s(result) < 14.0
-    position, velocity, tilt = off(result, world, start_ns + 45 * 10**9)
-    assert (position < 3.0, velocity < 0.1, tilt < 0.001) == (True, True, True)
+    for found in (result, run(world, kicked(inputs, deg, axis))):
+        position, velocity, tilt = off(found, world, start_ns + 45 * 10**9)
+        assert (position < 3.0, velocity < 0.1, tilt < 0.001) == (True, True, True)
     assert contradicting(result, world, result.track.stamps_ns[-1])[0] < 4.0
     assert sum(h.resets for h in result.health[-1:]) <= 2
 
@@ -353,7 +358,7 @@ def test_a_yaw_that_never_was_is_found_by_fixes(deg):
 
 
 def test_fixes_refused_in_a_row_back_a_dvl_where_there_is_no_depth(world, inputs):
-    alone = run(world, without_depths(kicked(inputs, 3.0, 0)))
+    alone = run(world, without_depths(kicked(inputs, 3.0, 0)), **UNDOUBTED)
     assert 4.0 < first_opening_s(alone) < 14.0
     assert off(alone, world, alone.track.stamps_ns[-1])[0] < 3.0
 
@@ -361,7 +366,8 @@ def test_fixes_refused_in_a_row_back_a_dvl_where_there_is_no_depth(world, inputs
 def test_one_sample_that_leaps_turns_nothing(world, inputs):
     """A rate of 3 rad/s in a single sample of 10 ms would be 1.7 deg."""
     spike = kicked(inputs, np.degrees(3.0) * 0.01, 0, length_s=0.01)
-    result, believed = run(world, spike), run(world, spike, max_rate_leap=1e300)
+    result = run(world, spike)
+    believed = run(world, spike, max_rate_leap=1e300, **UNDOUBTED)
     assert result.verdicts[Verdict.IMPLAUSIBLE] == 1
     assert first_opening_s(result) == np.inf
     assert off(result, world, result.track.stamps_ns[-1])[2] < 1e-4

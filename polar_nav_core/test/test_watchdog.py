@@ -164,6 +164,13 @@ def test_a_ping_that_leapt_is_an_error_for_a_minute():
     assert not look(memories(), stamp_ns=1060 * 10**9, leapt_ns=1000 * 10**9).present
 
 
+def test_an_imu_sample_that_was_half_believed_is_a_warning_for_a_minute():
+    (present,) = look(memories(), stamp_ns=1059 * 10**9, shock_ns=1000 * 10**9).present
+    assert (present.condition.level, present.condition.culprit) == (Level.WARN, Culprit.IMU)
+    assert 'an IMU sample leapt 59 s ago' in present.condition.sentence
+    assert not look(memories(), stamp_ns=1060 * 10**9, shock_ns=1000 * 10**9).present
+
+
 def test_states_that_no_vehicle_can_be_in():
     assert '20.0 m/s is faster' in look(memories(), speed=20.0).sentence
     assert 'no depth' in look(memories(), depth=9000.0).sentence

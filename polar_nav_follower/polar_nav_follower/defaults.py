@@ -92,6 +92,7 @@ _FIRST: dict[str, Any] = {
     'imu_gap_s': 0.0,
     'imu_missing': 'held',
     'imu_sample': 'mean',
+    'imu_shock': 0.0,
     'initial_grid_heading_deg': 0.0,
     'initial_height': -100.0,
     'initial_latitude_deg': 80.0,
@@ -275,6 +276,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     18: {
         'min_fix_sigma': 0.1,
+    },
+    26: {
+        'imu_shock': 10.0,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -135,6 +135,15 @@ class LimitParams(NodeParams):
         'An IMU sample whose rate is further off the one before per axis than this, and than 20 '
         'rad/s^2 in between, is refused unless the next one agrees (mode sins)',
     )
+    imu_shock: float = param(
+        10.0,
+        '',
+        0.0,
+        1e6,
+        'An IMU sample that differs from the one before by more than so many times the usual '
+        'change, and by 0.1 rad/s (and 3 rad/s^2) or 3 m/s^2 (and 20 m/s^3), is half believed: '
+        'attitude and velocity become as uncertain as it may be off (mode sins); 0 is never',
+    )
     max_imu_gap_s: float = param(
         0.5, 's', 0.01, 60.0, 'A longer gap between IMU samples is an error for a minute'
     )

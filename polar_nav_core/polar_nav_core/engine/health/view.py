@@ -59,6 +59,8 @@ class View:
         About slow faults; None where nobody looks.
     leapt_ns : int
         When a ping last corrected more than an attitude that is right needs; 0 for never.
+    shock_ns : int
+        Stamp of the newest IMU sample that differed by far more than is usual; 0 for none.
     compass : Compass or None
         Measured headings; None where they are not used.
     """
@@ -78,6 +80,7 @@ class View:
     leader_stated: bool = False
     evidence: Evidence | None = None
     leapt_ns: int = 0
+    shock_ns: int = 0
     compass: Compass | None = None
 
 

@@ -92,7 +92,7 @@ class Watchdog:
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
-        found = [*_imu_gap(view, self._envelope), *_imu_missing(view)]
+        found = [*_imu_gap(view, self._envelope), *_imu_missing(view), *_imu_shock(view)]
         found += _silences(view, self._envelope)
         found += imu_noise(view.imu_noise)
         found += heading_conditions(view.compass, view.stamp_ns, self._envelope.silent_after_s)
@@ -135,6 +135,18 @@ def _imu_gap(view: View, envelope: Envelope) -> list[Condition]:
         f'covariance ({gaps.number} so far)'
     )
     return [Condition('IMU gap', level, Culprit.IMU, sentence)]
+
+
+def _imu_shock(view: View) -> list[Condition]:
+    """An IMU sample that was half believed, not long ago."""
+    since_s = (view.stamp_ns - view.shock_ns) * 1e-9
+    if not view.shock_ns or since_s >= AFTER_S:
+        return []
+    sentence = (
+        f'an IMU sample leapt {since_s:.0f} s ago: the vehicle was struck, or the sample is '
+        'wrong; attitude and velocity count as unsure by it'
+    )
+    return [Condition('IMU shock', Level.WARN, Culprit.IMU, sentence)]
 
 
 def _imu_missing(view: View) -> list[Condition]:

@@ -84,6 +84,7 @@ def make_settings(
         # Where Q is adapted, Python adds it after each step: that has no way over a gap.
         gap_ns=0 if adapts_Q else round(p.imu_gap_s * 1e9),
         fills=not adapts_Q and p.imu_gap_s > 0.0 and p.imu_missing == 'interpolated',
+        shock=0.0 if adapts_Q else p.imu_shock,
         gap_variances=np.array(
             [math.radians(p.gap_attitude_sigma_deg) ** 2, p.gap_velocity_sigma**2]
         ),

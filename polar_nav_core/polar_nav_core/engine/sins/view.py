@@ -56,6 +56,7 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         ),
         opened_ns=opened_ns,
         leapt_ns=int(counters[fs.LEAPT_NS]),
+        shock_ns=int(counters[fs.SHOCK_NS]),
         used_ns=counters[fs.USED_NS : fs.USED_NS + 3],
         refused_row=counters[fs.REFUSED_ROW : fs.REFUSED_ROW + 3],
         speed=math.hypot(*s.v_G.tolist()),

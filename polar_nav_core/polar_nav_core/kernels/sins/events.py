@@ -31,6 +31,7 @@ from .imu import hold_surroundings, imu_step, take_means
 from .model import E
 from .rings import Log, Past
 from .settings import Settings
+from .shock import doubt_shock
 from .state import State
 from .swing import body_acceleration, follow
 from .transition import fill_transition
@@ -285,6 +286,8 @@ def imu_event(
 ) -> int:
     """Advance to the end of a sample's interval; a covariance step where it ends one."""
     filled, owes = fs.DONE, False
+    if c.shock > 0.0:
+        doubt_shock(s, c, w, log, stamp_ns, omega_ib_b, f_b)
     if c.fills:
         owes = begin_sample(s, c, w, stamp_ns, omega_ib_b, f_b)
         while filled == fs.DONE and s.counters[fs.STAMP] < until_own_ns(s, w):

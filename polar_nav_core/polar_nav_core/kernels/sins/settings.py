@@ -76,6 +76,7 @@ class Settings(NamedTuple):
     lever_depth_b: Array
     gap_ns: int  # a longer way from an IMU sample is bridged; 0: never
     fills: bool  # IMU samples missing on a shorter way are interpolated (fill)
+    shock: float  # usual changes between IMU samples beyond which one leaps; 0: never (shock)
     gap_variances: Array  # (2,): see gap
     reopen_ns: int  # how long a gate stays shut at least before it opens again; 0: for good
     most_excess: float  # largest State.excess; 0: the IMU's noise is as stated

@@ -87,7 +87,9 @@ INTERVAL_NS = HEADING + 12  # the newest interval between IMU samples (fill)
 REFUSED_ROW = HEADING + 13  # three: newest measurements refused one after the other, per stream
 FROM_NS = HEADING + 16  # late fixes that are valid before are out of reach
 LEAPT_NS = HEADING + 17  # stamp of the newest ping that was used and leaps (reopen)
-COUNTERS = HEADING + 18
+CHANGES = HEADING + 18  # between IMU samples, that were looked at (shock)
+SHOCK_NS = HEADING + 19  # stamp of the newest sample that differed by far too much (shock)
+COUNTERS = HEADING + 20
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -148,6 +150,7 @@ class State(NamedTuple):
     heading: Array  # (4,): counts and reference of a measured heading (heading)
     slope: Array  # (2, 3): change of rate and force between the last two samples (fill)
     span: Array  # (1,): time between those [s]
+    usual: Array  # (2,): mean square of the change between two samples, rate and force (shock)
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
 
@@ -197,6 +200,7 @@ _SHAPES = {
     'heading': (4,),
     'slope': (2, 3),
     'span': (1,),
+    'usual': (2,),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
 NAVIGATION = 30
