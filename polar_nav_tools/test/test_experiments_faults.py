@@ -172,7 +172,7 @@ def test_rows_and_columns():
         'imu_2038', 'clock_step:3600', 'clock_step:-10', 'clock_step:2', 'clock_step:-2',
         'clock_step:0.4', 'clock_step:-0.3',
     ]  # fmt: skip
-    with pytest.raises(ConfigError, match='--rows nothing'):
+    with pytest.raises(ConfigError, match=r'--rows nothing.*or drawn at random: random:1-50, '):
         rows_named('nothing')
     jobs = plan(Request(rows='imu_2038,station/imu_2038'), Size(280.0, 2), COLUMNS)
     assert len(jobs) == 2 * (len(COLUMNS) + 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from polar_nav_core.arrays import Array
+from polar_nav_core.errors import ConfigError
 
 from ...inject.faults import parse
 from ..draws import numbers_after
@@ -92,10 +93,18 @@ def rows_named(patterns: str | None) -> list[Row]:
         found = (
             [random_row(prefix, number) for number in numbers_after(prefix, pattern)]
             if prefix
-            else [ROWS[name] for name in rows_matching(pattern, ROWS)]
+            else [ROWS[name] for name in _matching(pattern)]
         )
         chosen |= {row.name: row for row in found}
     return list(chosen.values())
+
+
+def _matching(pattern: str) -> list[str]:
+    try:
+        return rows_matching(pattern, ROWS)
+    except ConfigError as error:
+        drawn = ', '.join(f'{prefix}1-50' for prefix in PREFIXES)
+        raise ConfigError(f'{error}; or drawn at random: {drawn}') from error
 
 
 def true_positions(world: World | StationWorld, time_s: Array) -> Array:
