@@ -56,6 +56,7 @@ MODULES = {
     'kernels.sins.consider': ('consider',),
     'kernels.sins.reopen': ('gate_rules',),
     'kernels.sins.enlarged': ('gate_rules',),
+    'kernels.sins.shock': ('shock',),
     'kernels.sins.signatures': ('evidence', 'gate_rules'),
     'kernels.evidence': ('evidence',),
     'kernels.imu_sequence': ('refusals',),

@@ -89,6 +89,16 @@ def test_on_a_vehicle_that_shakes_what_is_usual_is_no_leap():
     assert samples.next(3.0, 0.0)
 
 
+def test_what_is_usual_is_a_mean_over_ten_seconds_and_of_all_samples_before():
+    samples = Samples(seed=1)
+    samples.usual(802, rate=0.01)
+    squares = np.diff(np.random.default_rng(1).normal(size=(802, 2))[:, 0] * 0.01) ** 2
+    expected = squares[:500].mean()
+    for square in squares[500:]:
+        expected += (square - expected) * 0.02 / 10.0
+    assert samples.state.usual[0] == pytest.approx(expected, rel=1e-12)
+
+
 def test_a_vehicle_that_begins_to_shake_is_soon_as_usual():
     samples = Samples()
     samples.usual(1000, rate=1e-3, force=0.02)
@@ -138,6 +148,7 @@ def errors(world, outputs, since_s):
     ])  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('strategy', ['clone', 'rewind'])
 @pytest.mark.parametrize('wrong', [{'force': 45.0}, {'rate': 0.45}])
 def test_a_sample_that_never_was_does_no_harm(world, wrong, strategy):

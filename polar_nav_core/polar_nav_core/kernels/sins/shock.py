@@ -40,7 +40,7 @@ def doubt_shock(
     """Let attitude and velocity be as uncertain as a sample that leaps may be off."""
     interval_ns = stamp_ns - s.counters[fs.IMU_NS]
     missing = 2 * interval_ns > 3 * s.counters[fs.USUAL_NS]  # more time, more change
-    if s.counters[fs.HAS_PREVIOUS] == 0 or interval_ns <= 0 or missing:
+    if s.counters[fs.HAS_PREVIOUS] == 0 or missing:
         return
     dt = interval_ns * 1e-9
     s.counters[fs.CHANGES] += 1
