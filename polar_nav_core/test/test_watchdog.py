@@ -154,6 +154,27 @@ def test_a_gate_that_was_opened_again_is_an_error_for_a_minute():
     assert not look(kept, stamp_ns=10**12 + 61 * 10**9, opened_ns=opened).present
 
 
+@jit_only
+@pytest.mark.parametrize(('refused_s', 'expected'), [(11, True), (9, False)])
+def test_a_sensor_that_was_refused_for_long_and_is_used_again_is_an_error(refused_s, expected):
+    """The covariance grew until it passed its gate: the estimate goes over to it then."""
+    rng, kept = np.random.default_rng(8), memories()
+    dog = Watchdog(Envelope(max_speed=10.0, max_depth=6000.0))
+    for _ in range(40):
+        feed(kept, DVL, SIGMA * (9.0 + rng.standard_normal(3)), fused=False)
+    for second in range(refused_s):
+        assert look(kept, dog, stamp_ns=(1000 + second) * 10**9).level is Level.ERROR
+    for _ in range(20_000):
+        feed(kept, DVL, SIGMA * rng.standard_normal(3))
+    last_s = 999 + refused_s
+    found = look(kept, dog, stamp_ns=(last_s + 59) * 10**9).present
+    assert ['was refused until 59 s ago' in p.condition.sentence for p in found] == [
+        True
+    ] * expected
+    assert [p.condition.level for p in found] == [Level.ERROR] * expected
+    assert not look(kept, dog, stamp_ns=(last_s + 60) * 10**9).present
+
+
 def test_a_ping_that_leapt_is_an_error_for_a_minute():
     """It passed the gate: nothing else says that the attitude was wrong."""
     assert not look(memories(), stamp_ns=10**9).present

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ...arrays import Array
 from ...kernels import watch
-from .conditions import Condition, Culprit, Level
+from .conditions import AFTER_S, Condition, Culprit, Level
 
 FEWEST = 10.0
 """Attempts in the short memory before a share of refusals means anything."""
@@ -19,7 +19,6 @@ _FAR_OFF, _SURE = 3.0, 2.0
 
 Of 370 compasses that are as stated one is beyond 3. It is also so many of its own from none.
 """
-_AFTER_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ def _refused(c: Compass) -> list[Condition]:
 
 def _reopened(c: Compass, stamp_ns: int) -> list[Condition]:
     since_s = (stamp_ns - c.opened_ns) * 1e-9
-    if not c.opened_ns or since_s >= _AFTER_S:
+    if not c.opened_ns or since_s >= AFTER_S:
         return []
     sentence = (
         f'headings of the compass were refused until {since_s:.0f} s ago and are used again with '

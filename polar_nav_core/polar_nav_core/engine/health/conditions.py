@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
+AFTER_S = 60.0
+"""What made an estimate doubtful at a moment, as a gate that was opened again, stays a condition
+for so long."""
+
 
 class Level(IntEnum):
     """Severity of a condition; the numbers are those of diagnostic_msgs/DiagnosticStatus."""

@@ -17,12 +17,12 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...kernels import watch
 from ...kernels.station import state as ss
-from .conditions import Condition, Culprit, Level, fixes_followed
+from .conditions import AFTER_S, Condition, Culprit, Level, fixes_followed
 from .deviation import Deviation
 from .slow import MOVED, most_likely, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
 from .view import Envelope, View
-from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, Watchdog, outside, scatter
+from .watchdog import DEPTH, FEWEST, FIX, Watchdog, outside, scatter
 
 _RATIO = (1.6, 2.5)
 """Mean NIS per degree of freedom of the short memory that is a WARN, an ERROR."""

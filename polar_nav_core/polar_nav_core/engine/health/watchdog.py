@@ -16,7 +16,7 @@ from ...arrays import Array
 from ...kernels import watch
 from ...kernels.statistics import largest_share
 from .compass import heading_conditions
-from .conditions import Chronicle, Condition, Culprit, Health, Level
+from .conditions import AFTER_S, Chronicle, Condition, Culprit, Health, Level
 from .led import Led
 from .mounting import Mounting
 from .radius import radius_95
@@ -24,6 +24,7 @@ from .runaway import Runaway, imu_noise
 from .shared import beyond_stated
 from .slow import led_by_fixes, slow_faults
 from .statistics import Statistics, statistics
+from .used_again import UsedAgain
 from .view import Envelope, View
 
 DVL, DEPTH, FIX = range(watch.STREAMS)
@@ -55,9 +56,6 @@ _ROW, _ROW_S = 5, 1.5
 that runs away is metres off before half of the last thirty are refused."""
 _MISSING_SHARE = 0.05
 """Of the IMU samples, from which on it is said that some are missing."""
-AFTER_S = 60.0
-"""A gate that was opened again, or a ping that leapt, stays a condition for so long."""
-
 ALONE_S = 5.0
 """Without a DVL that was used for so long a navigation is alone with its IMU and the fixes."""
 
@@ -76,6 +74,7 @@ class Watchdog:
         self._runaway = Runaway()
         self._mounting = Mounting()
         self._led = Led()
+        self._used_again = UsedAgain('DVL'), UsedAgain('depth')
 
     def look(self, view: View, others: list[Condition]) -> Health:
         """Judge a navigation at a stamp; ``others`` are conditions that were found elsewhere."""
@@ -97,7 +96,8 @@ class Watchdog:
         found += imu_noise(view.imu_noise)
         found += heading_conditions(view.compass, view.stamp_ns, self._envelope.silent_after_s)
         for stream in (DVL, DEPTH):
-            found += _refusals(view, s, stream)
+            refusals = _refusals(view, s, stream)
+            found += [*refusals, *self._used_again[stream].look(view.stamp_ns, refusals)]
         found += _leapt(view)
         too_fast = view.speed > self._envelope.max_speed
         contradicted = max(map(abs, s.grid_mean[DVL, watch.SHORT].tolist()))
