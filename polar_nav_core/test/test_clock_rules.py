@@ -13,7 +13,7 @@ NS = 10**9
 
 @pytest.fixture(scope='module')
 def events():
-    world = World(8.0)
+    world = World(12.0)
     found = [*world.imu(), *world.depth(rng=np.random.default_rng(5))]
     return sorted(found, key=lambda e: e.key)
 
@@ -106,3 +106,50 @@ def test_an_imus_clock_that_creeps_slow_is_followed_late_or_never(ppm, followed_
         ((topic, at_s),) = steps
         assert topic == 'dvl/data'
         assert at_s <= followed_s
+
+
+def late_depths(events, late_s):
+    """What comes of each depth that arrives late by ``late_s`` of its number [s]; None: never.
+
+    Numbers are from 3 s on.
+    """
+    begin_ns, arrivals, number = events[0].stamp_ns, [], -1
+    for event in events:
+        by_s = 0.0
+        if isinstance(event, DepthSample):
+            number += event.stamp_ns - begin_ns >= 3 * NS
+            by_s = late_s(number)
+        if by_s is not None:
+            arrivals.append((event.stamp_ns + round(by_s * NS), event))
+    clocks, out = Clocks(0.25, 0.05), []
+    for arrival_ns, event in sorted(arrivals, key=lambda one: (one[0], one[1].key)):
+        out.append((event, clocks.take(event, arrival_ns)))
+    return [(event, actions) for event, actions in out if isinstance(event, DepthSample)]
+
+
+def steps(found):
+    return [a for _, actions in found for a in actions if isinstance(a, ClockStep)]
+
+
+def in_time(event, actions):
+    """Whether a message is used, with the stamp that it has."""
+    return [a.stamp_ns for a in actions if isinstance(a, DepthSample)] == [event.stamp_ns]
+
+
+def test_messages_that_are_late_by_chance_are_no_clock(events):
+    """The last one is 0.8 s late, so that one in time seems to be ahead of it by as much."""
+    late = [0.4, 0.8, *8 * [None]]
+    found = late_depths(events, lambda n: late[n] if 0 <= n < len(late) else 0.0)
+    assert not steps(found)
+    used = [a.stamp_ns for _, actions in found for a in actions]
+    assert sorted(used) == sorted(event.stamp_ns for event, _ in found)
+
+
+def test_a_step_that_was_none_is_taken_back(events):
+    """All were late, by more and more, and then none is: it looks like a clock that steps."""
+    late = np.repeat([0.4, 0.8, None], [11, 12, 8]).tolist()
+    found = late_depths(events, lambda n: late[n] if 0 <= n < len(late) else 0.0)
+    there, back = steps(found)
+    assert there.step_ns == -back.step_ns != 0
+    assert back.stamp_ns - there.stamp_ns < 5 * NS
+    assert all(in_time(*one) for one in found[-5:])

@@ -15,6 +15,7 @@ clock: they are recorded, and a replay reads them.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from statistics import median_low
 
@@ -44,20 +45,30 @@ class _Topic:
     """Clock of a topic.
 
     ``base`` is the number of the IMU's offset that it has, ``extra_ns`` its own besides;
-    ``usual_ns`` engine time less the newest possible one, of its last message. ``lags_ns`` is how
-    far its first ones in time were behind the IMU's newest sample, ``off`` the same of those since
-    the last one in time, which were too late or stamped after they came, each with the IMU's time.
+    ``before_ns`` the same before its own last step, None where that was long right. ``newest_off``
+    is engine time less the newest possible one, of its newest messages. ``lags_ns`` is how far its
+    first ones in time were behind the IMU's newest sample, ``off`` the same of those since the
+    last one in time, which were too late or stamped after they came, each with the IMU's time.
     """
 
     base: int = 0
     extra_ns: int = 0
+    before_ns: int | None = None
     newest_ns: int | None = None
     newest_own_ns: int | None = None
-    usual_ns: int | None = None
+    newest_off: deque[int] = field(default_factory=lambda: deque(maxlen=_USUAL))
     right: int = 0
     held: list[tuple[Event, int | None]] = field(default_factory=list)
     lags_ns: list[int] = field(default_factory=list)
     off: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def usual_ns(self) -> int | None:
+        """Engine time less the newest possible one of the least late of its newest messages.
+
+        The last one alone may be late by chance, and the next one would seem to be ahead.
+        """
+        return max(self.newest_off, default=None)
 
 
 class Clocks:
@@ -181,6 +192,7 @@ class Clocks:
         first_possible_ns = self.imu.arrivals.newest_possible_ns(first_arrival_ns)
         was_ns = self._offset_ns(topic)
         stamp_ns = (first_possible_ns or 0) + (topic.usual_ns or 0)
+        topic.before_ns = topic.extra_ns
         topic.extra_ns += stamp_ns - first.stamp_ns - was_ns
         return [*out, self._step(topic, first, was_ns), *self._use_held(topic)]
 
@@ -228,7 +240,7 @@ class Clocks:
         if possible_ns is not None:
             off_ns = one.stamp_ns - possible_ns
             if topic.usual_ns is None or abs(off_ns - topic.usual_ns) <= LEAST_STEP_NS:
-                topic.usual_ns = off_ns
+                topic.newest_off.append(off_ns)
         return [*out, one]
 
     def _put_right(self, topic: _Topic, event: Event, arrival_ns: int | None) -> list[Action]:
@@ -241,19 +253,24 @@ class Clocks:
         early = known and self._is_early(topic, lag_ns, now_ns, arrival_ns)
         if not early and lag_ns < self._window_ns:
             topic.off.clear()
+            topic.before_ns = None
             if not known:
                 topic.lags_ns.append(lag_ns)
             return []
         if topic.off and abs(lag_ns - topic.off[0][1]) > _AGREE_NS:
             topic.off.clear()
-        if abs(lag_ns) > LEAST_STEP_NS:  # `_judge` follows longer steps, and knows late ones
+        back_ns = 0 if topic.before_ns is None else topic.before_ns - topic.extra_ns
+        no_step = back_ns != 0 and abs(lag_ns - back_ns) < self._window_ns
+        # `_judge` follows longer steps, and knows late ones; one that was none it cannot see.
+        if abs(lag_ns) > LEAST_STEP_NS and not no_step:
             return []
         topic.off = [*topic.off[: _MOST_HELD - 1], (now_ns, lag_ns)]
         if not known or len(topic.off) < _OFF or now_ns - topic.off[0][0] < _OFF_NS:
             return []
         off_ns = median_low(ns for _, ns in topic.off) - median_low(topic.lags_ns)
         topic.off.clear()
-        topic.extra_ns += off_ns
+        topic.newest_off.clear()
+        topic.extra_ns, topic.before_ns = topic.extra_ns + (back_ns if no_step else off_ns), None
         return [self._step(topic, event, was_ns)]
 
     def _is_early(self, topic: _Topic, lag_ns: int, now_ns: int, arrival_ns: int | None) -> bool:
