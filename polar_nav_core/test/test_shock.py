@@ -37,9 +37,9 @@ class Samples:
         self.draw = np.random.default_rng(seed)
         self.stamp_ns = 100 * S
 
-    def next(self, rate, force, after_ns=PERIOD_NS):
-        """Take a sample: a rate about x, a force along y."""
-        omega, f = np.array([rate, 0.0, 0.0]), np.array([0.0, force, 9.81])
+    def next(self, rate, force, after_ns=PERIOD_NS, up=0.0):
+        """Take a sample: a rate about x, a force along y, and one along z beside gravity."""
+        omega, f = np.array([rate, 0.0, 0.0]), np.array([0.0, force, 9.81 + up])
         self.stamp_ns += after_ns
         s = self.state
         s.counters[fs.USUAL_NS] = PERIOD_NS
@@ -69,6 +69,12 @@ def test_a_leap_makes_attitude_and_velocity_as_uncertain_as_it_may_be_off():
     # Back is a leap as well, and then all is as before.
     assert samples.next(0.0, 0.0)
     assert not samples.usual(100)
+
+
+def test_every_axis_counts():
+    samples = Samples()
+    samples.usual(200)
+    assert samples.next(0.0, 0.0, up=-4.0)
 
 
 @pytest.mark.parametrize(
