@@ -1,6 +1,7 @@
 """Supervisor: fake nodes (small scripts) end, die, hang and print; nothing is left behind."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -282,6 +283,9 @@ def test_a_killed_node_is_blamed_by_signal_and_deaf_ones_are_killed_in_time(tmp_
     assert outcome.status is RunStatus.FAILED
     assert 'node /vehicle/victim was killed by SIGKILL' in outcome.sentence
     assert time.monotonic() - started < 8.0
+    # Each wrote where it hung.
+    log = (tmp_path / 'run' / 'logs' / 'vehicle.deaf.log').read_text()
+    assert re.search(r'fake_deaf\.py", line \d+ in main', log), log
 
 
 def test_a_node_that_fails_while_it_is_ended_fails_the_run(tmp_path, fake):

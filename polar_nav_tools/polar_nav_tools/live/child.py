@@ -10,6 +10,7 @@ those are unsafe in threaded programs.
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import importlib
 import os
 import signal
@@ -45,6 +46,8 @@ def main() -> int:
     # A signal before the node has its own handlers ends it at once, without a traceback.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
+    # Where it hangs, of all threads, also while it holds the interpreter's lock.
+    faulthandler.register(signal.SIGQUIT, all_threads=True)
     die_with_parent(parent_pid)
     sys.argv = [module, *sys.argv[3:]]
     return int(importlib.import_module(module).main() or 0)

@@ -86,6 +86,10 @@ HURRIED = Grace(2.0, 0.5)
 RECORDER_HURRIED = Grace(4.0, 1.0)
 
 
+_TRACEBACK_S = 0.3
+"""Wall time for a node that hangs to write where it does."""
+
+
 class _Interrupts:
     """Counts SIGINT, SIGTERM and SIGHUP."""
 
@@ -328,10 +332,14 @@ class Supervisor:
         grace: Grace,
         impatient: Callable[[], bool] = lambda: False,
     ) -> None:
-        """End nodes by SIGINT, then SIGTERM, then SIGKILL; if ``impatient`` by SIGKILL."""
+        """End nodes by SIGINT, then SIGTERM, then SIGKILL; if ``impatient`` by SIGKILL.
+
+        Before that SIGQUIT has a node that hangs write where it does (`child`).
+        """
         steps = (
             (signal.SIGINT, grace.after_sigint_s),
             (signal.SIGTERM, grace.after_sigterm_s),
+            (signal.SIGQUIT, _TRACEBACK_S),
             (signal.SIGKILL, 5.0),
         )
         for number, wait_s in steps:
