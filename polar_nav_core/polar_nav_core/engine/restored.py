@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .health.conditions import Condition, Culprit, Level
-
-_AFTER_S = 60.0
-"""It stays a condition for so long."""
+from .health.conditions import Condition, Culprit, Level, lately_s
 
 
 @dataclass(frozen=True)
@@ -20,8 +17,8 @@ class Restored:
 
     def conditions(self, stamp_ns: int) -> list[Condition]:
         """The condition at a stamp, if the last time was less than a minute before."""
-        since_s = (stamp_ns - self.stamp_ns) * 1e-9
-        if not self.count or since_s >= _AFTER_S:
+        since_s = lately_s(stamp_ns, self.stamp_ns)
+        if since_s is None:
             return []
         sentence = (
             f'{self.why}: restored from the newest sound state {since_s:.0f} s ago with enlarged '

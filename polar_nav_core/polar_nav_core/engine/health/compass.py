@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ...arrays import Array
 from ...kernels import watch
-from .conditions import AFTER_S, Condition, Culprit, Level
+from .conditions import Condition, Culprit, Level, lately_s
 
 FEWEST = 10.0
 """Attempts in the short memory before a share of refusals means anything."""
@@ -97,8 +97,8 @@ def _refused(c: Compass) -> list[Condition]:
 
 
 def _reopened(c: Compass, stamp_ns: int) -> list[Condition]:
-    since_s = (stamp_ns - c.opened_ns) * 1e-9
-    if not c.opened_ns or since_s >= AFTER_S:
+    since_s = lately_s(stamp_ns, c.opened_ns)
+    if since_s is None:
         return []
     sentence = (
         f'headings of the compass were refused until {since_s:.0f} s ago and are used again with '

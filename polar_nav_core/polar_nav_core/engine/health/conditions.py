@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-AFTER_S = 60.0
-"""What made an estimate doubtful at a moment, as a gate that was opened again, stays a condition
-for so long."""
-
 
 class Level(IntEnum):
     """Severity of a condition; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
@@ -29,6 +25,19 @@ class Culprit(IntFlag):
     MODEL = 16
     HEADING = 32
     UNEXPLAINED = 64
+
+
+_AFTER_S = 60.0
+
+
+def lately_s(stamp_ns: int, event_ns: int) -> float | None:
+    """Return the time since an event [s], for a minute; None after that, or where there was none.
+
+    What made an estimate doubtful at a moment, as a gate that was opened again, stays a condition
+    for so long. ``event_ns`` is 0 for never.
+    """
+    since_s = (int(stamp_ns) - int(event_ns)) * 1e-9
+    return since_s if event_ns and since_s < _AFTER_S else None
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...kernels import watch
 from ...kernels.station import state as ss
-from .conditions import AFTER_S, Condition, Culprit, Level, fixes_followed
+from .conditions import Condition, Culprit, Level, fixes_followed, lately_s
 from .deviation import Deviation
 from .slow import MOVED, most_likely, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
@@ -220,8 +220,8 @@ def _disagreement(s: Statistics) -> list[Condition]:
 
 def _reopened(view: View) -> list[Condition]:
     """The gate of the fixes was opened again."""
-    since_s = (view.stamp_ns - int(view.opened_ns[FIX])) * 1e-9
-    if not view.opened_ns[FIX] or since_s >= AFTER_S:
+    since_s = lately_s(view.stamp_ns, view.opened_ns[FIX])
+    if since_s is None:
         return []
     sentence = (
         f'position fixes were refused until {since_s:.0f} s ago and are used again with enlarged '
@@ -233,7 +233,7 @@ def _reopened(view: View) -> list[Condition]:
 def _loosened(view: StationView) -> list[Condition]:
     """Fixes contradicted the model, which was loosened."""
     since_s = (view.stamp_ns - view.loosened_ns) * 1e-9
-    recent = bool(view.loosened_ns) and since_s < AFTER_S
+    recent = lately_s(view.stamp_ns, view.loosened_ns) is not None
     if not view.loose and not recent:
         return []
     sentence = (
@@ -301,8 +301,8 @@ def _current(view: StationView, envelope: Envelope) -> list[Condition]:
 
 def _turned(view: StationView) -> list[Condition]:
     """The heading of the AHRS has turned while its rates have not."""
-    since_s = (view.stamp_ns - view.turned_ns) * 1e-9
-    if not view.turned_ns or since_s >= AFTER_S:
+    since_s = lately_s(view.stamp_ns, view.turned_ns)
+    if since_s is None:
         return []
     sentence = (
         f'the heading of the AHRS turned against its own rates {since_s:.0f} s ago: it is '
@@ -327,8 +327,8 @@ def _careful(s: Statistics) -> list[Condition]:
 def _ahrs_gap(view: StationView) -> list[Condition]:
     """A gap between AHRS samples not long ago."""
     gaps = view.gaps
-    since_s = (view.stamp_ns - gaps.end_ns) * 1e-9
-    if not gaps.number or since_s >= AFTER_S:
+    since_s = lately_s(view.stamp_ns, gaps.end_ns)
+    if since_s is None:
         return []
     sentence = (
         f'AHRS gap of {gaps.last_s:.1f} s ended {since_s:.0f} s ago: the model ran on by the mean '

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .conditions import AFTER_S, Condition, Culprit, Level
+from .conditions import Condition, Culprit, Level, lately_s
 
 REFUSED_S = 10.0
 """A sensor that was refused for less had no time to leave the estimate."""
@@ -35,8 +35,8 @@ class UsedAgain:
             self._note(stamp_ns, refusals)
             return []
         self._since_ns = None
-        again_s = (stamp_ns - self._until_ns) * 1e-9
-        if not self._until_ns or again_s >= AFTER_S:
+        again_s = lately_s(stamp_ns, self._until_ns)
+        if again_s is None:
             return []
         sentence = (
             f'{self._name} was refused until {again_s:.0f} s ago and is used again: the estimate '
@@ -46,7 +46,7 @@ class UsedAgain:
 
     def _note(self, stamp_ns: int, refusals: Sequence[Condition]) -> None:
         self._culprit = refusals[0].culprit
-        refused = any(c.key.endswith('refused') for c in refusals)
+        refused = any(c.key == f'{self._name} refused' for c in refusals)
         if not refused:  # its gate was opened, which is a condition of its own
             self._since_ns, self._until_ns = None, 0
         elif self._since_ns is None:

@@ -16,7 +16,7 @@ from ...arrays import Array
 from ...kernels import watch
 from ...kernels.statistics import largest_share
 from .compass import heading_conditions
-from .conditions import AFTER_S, Chronicle, Condition, Culprit, Health, Level
+from .conditions import Chronicle, Condition, Culprit, Health, Level, lately_s
 from .led import Led
 from .mounting import Mounting
 from .radius import radius_95
@@ -126,8 +126,8 @@ class Watchdog:
 def _imu_gap(view: View, envelope: Envelope) -> list[Condition]:
     """A gap between IMU samples that was bridged not long ago."""
     gaps = view.gaps
-    since_s = (view.stamp_ns - gaps.end_ns) * 1e-9
-    if not gaps.number or since_s >= AFTER_S:
+    since_s = lately_s(view.stamp_ns, gaps.end_ns)
+    if since_s is None:
         return []
     level = Level.ERROR if gaps.last_s > envelope.max_imu_gap_s else Level.WARN
     sentence = (
@@ -139,8 +139,8 @@ def _imu_gap(view: View, envelope: Envelope) -> list[Condition]:
 
 def _imu_shock(view: View) -> list[Condition]:
     """An IMU sample that was half believed, not long ago."""
-    since_s = (view.stamp_ns - view.shock_ns) * 1e-9
-    if not view.shock_ns or since_s >= AFTER_S:
+    since_s = lately_s(view.stamp_ns, view.shock_ns)
+    if since_s is None:
         return []
     sentence = (
         f'an IMU sample leapt {since_s:.0f} s ago: the vehicle was struck, or the sample is '
@@ -198,8 +198,8 @@ def _in_a_row(view: View, stream: int) -> bool:
 
 def _reopened(view: View, stream: int, culprit: Culprit | None = None) -> list[Condition]:
     """A gate that had to be opened again not long ago."""
-    since_s = (view.stamp_ns - int(view.opened_ns[stream])) * 1e-9
-    if not view.opened_ns[stream] or since_s >= AFTER_S:
+    since_s = lately_s(view.stamp_ns, view.opened_ns[stream])
+    if since_s is None:
         return []
     name, verb = _NAMES[stream], 'were' if stream == FIX else 'was'
     sentence = (
@@ -212,8 +212,8 @@ def _reopened(view: View, stream: int, culprit: Culprit | None = None) -> list[C
 
 def _leapt(view: View) -> list[Condition]:
     """A ping corrected more than an attitude that is right needs, not long ago."""
-    since_s = (view.stamp_ns - view.leapt_ns) * 1e-9
-    if not view.leapt_ns or since_s >= AFTER_S:
+    since_s = lately_s(view.stamp_ns, view.leapt_ns)
+    if since_s is None:
         return []
     sentence = (
         f'a DVL ping corrected attitude or velocity by far too much {since_s:.0f} s ago: the '
