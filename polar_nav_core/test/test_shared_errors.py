@@ -8,7 +8,7 @@ from polar_nav_core.engine.health import shared as beyond
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.statistics import statistics
 from polar_nav_core.engine.health.view import Envelope, View
-from polar_nav_core.engine.health.watchdog import DEPTH, FIX, Watchdog
+from polar_nav_core.engine.health.watchdog import DEPTH, DVL, FIX, Watchdog
 from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.sins import consider, shared
 
@@ -190,6 +190,36 @@ def test_fixes_whose_neighbours_are_alike_are_filtered():
         return 0.6 * before + 0.8 * z
 
     assert until(Navigation(4), smooth, 'position fixes alike', 400) < 200
+
+
+def test_what_lasts_for_seconds_beneath_the_noise_of_pings_is_reported():
+    """A velocity that wanders with a third of their sigma, for twenty pings on average."""
+    navigation, wander, one = Navigation(4), np.zeros(3), np.eye(3)
+    pings = navigation.memories[DVL]
+    while not (present := navigation.look().present):
+        for _ in range(10):
+            drawn = navigation.rng.standard_normal((2, 3))
+            wander = 0.95 * wander + 0.35 * np.sqrt(1.0 - 0.95**2) * drawn[0]
+            z = wander + drawn[1]
+            watch.observe(pings, z, one, z @ z, 3, True, 2.0, 0.0, z, one)
+    (condition,) = (p.condition for p in present)
+    assert condition.sentence.startswith('DVL have errors that last from one to the next')
+    assert pings[:, watch.BLOCK_RISE].max() > 8.5
+    assert pings[:, watch.ALIKE_RISE].max() < 15.0
+
+
+def test_a_block_is_judged_once_it_is_full_and_then_forgotten():
+    row = np.zeros(watch.WIDTH)
+    row[watch.LAST : watch.LAST + 3] = 1.5, -1.0, 0.5
+    for k in range(10):
+        assert row[watch.BLOCK_NUMBER] == k
+        assert row[watch.BLOCK_RISE] == 0.0
+        watch.add_to_block(row, 3, 10.0)
+    squares = 1.5**2 + 1.0**2 + 0.5**2  # a mean of 1.17 by axis, more than stated
+    square = 10.0 * squares / (squares / 3.0)
+    expected = 0.5 * (0.5 * square - 3.0 * np.log(2.0))
+    assert row[watch.BLOCK_RISE] == pytest.approx(expected)
+    assert not row[watch.BLOCK : watch.BLOCK_RISE].any()
 
 
 def test_fixes_far_calmer_than_stated_are_reported():

@@ -10,7 +10,9 @@ shift, or of a larger scatter, against none; each is held between 0 and `MOST_RI
 step or a drift after as few attempts as its size allows, wherever it begins. Of a filter that
 knows its sensors, such a sum exceeds h once in exp(h) attempts at most (Lorden 1971), since the
 ratio has the mean 1 then; that of limited innovations is smaller. Two more such sums look for a
-smaller scatter and for neighbours that are alike, which filtered measurements show.
+smaller scatter and for neighbours that are alike, which filtered measurements show. One more adds
+up attempts, ten and thirty at a time: what lasts for a block makes its sum scatter more, however
+little of each innovation it is (a velocity that wanders, beneath the noise of pings).
 
 All of this takes innovations for independent. Those that share common errors are not; of them the
 residuals come here that `kernels.sins.shared` leaves, and their covariance.
@@ -48,7 +50,11 @@ NOISE_RISE = 32  # ... of a larger scatter
 CALM_RISE = 33  # ... of a smaller scatter
 ALIKE_RISE = 34  # ... of neighbours that are alike
 LAST = 35  # the innovation before, whitened and limited (3)
-WIDTH = 38
+BLOCK = 38  # sum of those since a block began (3)
+BLOCK_NUMBER = 41  # attempts in it
+BLOCK_SQUARE = 42  # sum of their squares
+BLOCK_RISE = 43  # cumulative log likelihood ratio of blocks whose sums scatter more
+WIDTH = 44
 
 LIMIT = 4.0
 """Sigmas beyond which an innovation counts as that many."""
@@ -62,6 +68,10 @@ ALIKE = (0.5, 0.2)
 """Correlation of neighbours that they look for."""
 RISE_LIMIT = 2.0
 """Sigmas, and NIS per degree of freedom over 2, beyond which they count an innovation as that."""
+BLOCKS = (10.0, 30.0)
+"""Attempts that are added up."""
+BLOCK_NOISE = 2.0
+"""Ratio of variances of such a sum that they look for."""
 MOST_RISE = 40.0
 """Largest sum: one that has ended is forgotten."""
 
@@ -140,6 +150,29 @@ def likeness(row: Array, z: Array, S: Array, m: int, rho: float) -> float:
         total += 0.5 * (value * value - off * off / rest - math.log(rest))
         row[LAST + a] = value
     return total
+
+
+@kernel
+def add_to_block(row: Array, m: int, length: float) -> None:
+    """Add the innovation that `likeness` kept to its block; a full one is judged.
+
+    By the scatter of its own innovations, where that is more than stated: it is another fault.
+    """
+    for a in range(m):
+        row[BLOCK + a] += row[LAST + a]
+        row[BLOCK_SQUARE] += row[LAST + a] * row[LAST + a]
+    row[BLOCK_NUMBER] += 1.0
+    if row[BLOCK_NUMBER] < length:
+        return
+    square = 0.0
+    for a in range(m):
+        square += row[BLOCK + a] * row[BLOCK + a] / row[BLOCK_NUMBER]
+        row[BLOCK + a] = 0.0
+    scatter = max(1.0, row[BLOCK_SQUARE] / (m * row[BLOCK_NUMBER]))
+    row[BLOCK_NUMBER] = row[BLOCK_SQUARE] = 0.0
+    square = min(square / scatter, m * LIMIT * LIMIT)
+    more = 0.5 * (square * (1.0 - 1.0 / BLOCK_NOISE) - m * math.log(BLOCK_NOISE))
+    row[BLOCK_RISE] = limited_rise(row[BLOCK_RISE] + more)
 
 
 @kernel
@@ -227,3 +260,4 @@ def observe(
         row[CALM_RISE] = limited_rise(row[CALM_RISE] + less)
         alike = likeness(row, z, S, m, ALIKE[k])
         row[ALIKE_RISE] = limited_rise(row[ALIKE_RISE] + alike)
+        add_to_block(row, m, BLOCKS[k])

@@ -40,8 +40,8 @@ class Statistics(NamedTuple):
         Largest cumulative log likelihood ratio of a shift to either side, by axis.
     noise_rise, calm_rise : (...) arrays
         That of a larger, of a smaller scatter.
-    alike_rise : (...) array
-        That of neighbours that are alike.
+    alike_rise, block_rise : (...) arrays
+        That of neighbours that are alike, of blocks whose sums scatter more.
     """
 
     number: Array
@@ -58,6 +58,7 @@ class Statistics(NamedTuple):
     noise_rise: Array
     calm_rise: Array
     alike_rise: Array
+    block_rise: Array
 
 
 def statistics(memories: Array) -> Statistics:
@@ -87,4 +88,5 @@ def statistics(memories: Array) -> Statistics:
         noise_rise=memories[..., watch.NOISE_RISE],
         calm_rise=memories[..., watch.CALM_RISE],
         alike_rise=memories[..., watch.ALIKE_RISE],
+        block_rise=memories[..., watch.BLOCK_RISE],
     )
