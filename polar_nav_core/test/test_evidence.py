@@ -173,6 +173,7 @@ class Twin:
             for slot in np.flatnonzero(c[fs.BORN_NS : fs.BORN_NS + hy.SLOTS]):
                 column = slot * hy.KINDS + hy.SCALE_GROWS
                 self.bank[hy.SCALE : hy.SCALE + 3, column] += dt
+                self.bank[hy.ACCEL + 2, slot * hy.KINDS + hy.ACCEL_GROWS] += dt
             c[fs.BANK_NS] = now_ns
 
     def _cross(self, number, h):

@@ -1,4 +1,4 @@
-"""Slow faults by their signature: drift and steps of fixes, the DVL's scale, steps of gyros."""
+"""Slow faults by their signature: of fixes, of the DVL's scale, of gyros and accelerometers."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from ...arrays import Array, Ints
 from ...kernels.sins import hypotheses as hy
 from .conditions import Condition, Culprit, Level
 
-BEYOND = 29.5
-"""T that is a WARN (docs/derivations/signatures.md, 3)."""
+_OF_PAIR = 29.5
+"""T of a pair, a chi-square (2), that is a WARN (docs/derivations/signatures.md, 3)."""
+_OF_ONE = 25.0
+"""That of a kind alone, a chi-square (1): as rare without a fault as the other of a pair."""
+_LIMITS = np.full(hy.KINDS, _OF_ONE)
+for _first in hy.PAIRS:
+    _LIMITS[_first : _first + 2] = _OF_PAIR
 SEVERE = 4.0
 """So many times that is an ERROR."""
 _CERTAIN = 40.0
@@ -32,8 +37,10 @@ _CULPRITS = {
     hy.SCALE_GROWS: Culprit.DVL,
     hy.SCALE_STEP: Culprit.DVL,
     hy.GYRO_X: Culprit.IMU,
+    hy.ACCEL_GROWS: Culprit.IMU | Culprit.DEPTH,
 }
 _DPH = math.radians(1.0) / 3600.0
+_UG = 9.80665e-6
 
 
 class Evidence(NamedTuple):
@@ -68,7 +75,7 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
         return []
     bank, born_ns, per_unit_G = evidence
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    if not statistic.max() > BEYOND:
+    if not (statistic > _LIMITS).any():
         return []
 
     def described(slot: int, kind: int) -> tuple[str, Array]:
@@ -76,7 +83,7 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
         return _words(own, kind), _shift(own, kind, per_unit)
 
     ages_ns = stamp_ns - born_ns
-    return [most_likely(statistic, _CULPRITS, described, ages_ns, P_horizontal, BEYOND)]
+    return [most_likely(statistic, _CULPRITS, described, ages_ns, P_horizontal, _OF_ONE)]
 
 
 class Way(NamedTuple):
@@ -104,7 +111,7 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Way | None:
         return None
     bank, _, per_unit_G = evidence
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    if not statistic.max() > BEYOND:
+    if not (statistic > _LIMITS).any():
         return None
     way: Way | None = None
     most = MOVED
@@ -145,7 +152,7 @@ def most_likely(
     P_horizontal : (2, 2) array
         Published covariance of the horizontal position, axes of that way [m^2].
     beyond : float
-        T that is a WARN.
+        T that is a WARN of the kind that needs least.
     """
     largest = {kind: float(statistic[:, kind].max()) for kind in culprits}
     first = max(largest, key=lambda kind: largest[kind])
@@ -230,6 +237,9 @@ def _words(slot: Array, kind: int) -> str:
         size = math.hypot(*pair_of(slot, kind)) / _DPH
         return f'the bias of the horizontal gyros has changed by {size:.2f} deg/h'
     size = size_of(slot, kind)
+    if kind == hy.ACCEL_GROWS:
+        size = 60.0 * size / _UG
+        return f'the bias of the vertical accelerometer grows by {size:+.2f} ug per minute'
     if kind == hy.SCALE_GROWS:
         return f'the scale of the DVL changes by {6000.0 * size:+.2f} % per minute'
     return f'the scale of the DVL is {100.0 * size:+.1f} % off'

@@ -26,6 +26,8 @@ from .watchdog import DEPTH, FEWEST, FIX, Watchdog, outside, scatter
 
 _RATIO = (1.6, 2.5)
 """Mean NIS per degree of freedom of the short memory that is a WARN, an ERROR."""
+_SIGMAS = 3.0
+"""So many above 1 it has to be as well: ten fixes have more by chance in one run of forty."""
 _MEAN = (20.0, 40.0)
 """Chi-square (1) of a mean innovation of the short memory that is a WARN, an ERROR."""
 _HINT = 12.0
@@ -36,13 +38,8 @@ _DRAG_SIGMAS = 3.0
 _DRAG_FACTOR = 4.0
 """Estimated drag beyond the stated one by this factor is implausible."""
 _EITHER = Culprit.MODEL | Culprit.FIXES
-_BEYOND = 30.0
-"""T that is a WARN; with it, and 28 for a current that grows, all kinds together are as rare as
-those of the strapdown mode (signatures.md, 6)."""
-_LEAST = 28.0
-"""That of a current that grows, the least of all kinds."""
-_LIMITS = np.full(ss.KINDS, _BEYOND)
-_LIMITS[ss.GROWS : ss.GROWS + 2] = _LEAST
+_BEYOND = 24.0
+"""T that is a WARN (signatures.md, 6): rarer without a fault than that of the strapdown mode."""
 
 
 def _growing(x: float, y: float) -> str:
@@ -187,12 +184,13 @@ def _disagreement(s: Statistics) -> list[Condition]:
     """Fixes and model contradict one another; a mean points to the model or its current."""
     number = s.number[FIX, watch.SHORT]
     nis = float(s.nis[FIX, watch.SHORT])
+    scattered = nis > _RATIO[0] and float(s.nis_sigmas[FIX, watch.SHORT]) > _SIGMAS
     refused = float(s.refused[FIX, watch.SHORT])
     along, across = (float(x) for x in s.track[FIX, watch.SHORT, :2])
     east, north = (float(x) for x in s.grid[FIX, watch.SHORT, :2])
     mean = max(along, across, east, north)
     gated = refused > _REFUSED_SHARE
-    if number < FEWEST or not (nis > _RATIO[0] or mean > _MEAN[0] or gated):
+    if number < FEWEST or not (scattered or mean > _MEAN[0] or gated):
         return []
     level = Level.ERROR if nis > _RATIO[1] or mean > _MEAN[1] or gated else Level.WARN
     numbers = f'NIS {nis:.1f} per degree of freedom'
@@ -251,7 +249,7 @@ def _slow(view: StationView) -> list[Condition]:
         return []
     signatures, weight = view.signatures, view.weight
     statistic = signatures[-1, ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
-    if not (statistic > _LIMITS).any():
+    if not statistic.max() > _BEYOND:
         return []
 
     def described(slot: int, kind: int) -> tuple[str, Array]:
@@ -259,7 +257,7 @@ def _slow(view: StationView) -> list[Condition]:
         return _WORDS[kind](*sizes), way
 
     ages_ns = view.stamp_ns - view.born_ns
-    return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal, _LEAST)]
+    return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal, _BEYOND)]
 
 
 def _size(slot: Array, weight: Array, kind: int) -> tuple[tuple[float, ...], Array]:

@@ -22,7 +22,7 @@ from ...arrays import Array
 from ..cache import kernel
 from ..evidence import pair_statistic
 from .consider import COLUMNS
-from .update import DV, GYRO, MARKOV, NAV, SCALE, USBL, N
+from .update import ACCEL, DV, GYRO, MARKOV, NAV, SCALE, USBL, N
 
 # Kinds of faults; the unit of each.
 FIX_EAST = 0  # fixes drift to grid east, 1 m/s
@@ -33,7 +33,8 @@ GYRO_X = 4  # the bias of the gyro about body x has changed, 1 rad/s
 GYRO_Y = 5  # the bias of the gyro about body y has changed, 1 rad/s
 STEP_EAST = 6  # fixes have moved to grid east, 1 m
 STEP_NORTH = 7  # fixes have moved to grid north, 1 m
-KINDS = 8
+ACCEL_GROWS = 8  # the bias of the accelerometer along body z grows, 1 m/s^3
+KINDS = 9
 PAIRS = (FIX_EAST, GYRO_X, STEP_EAST)
 """Kinds of which each is one direction, the next kind the other: they have one statistic."""
 SLOTS = 12
@@ -105,9 +106,10 @@ def _part(Phi: Array, i: int, k: int, ratio: float) -> float:
 
 @kernel
 def grow(bank: Array, slot: int, dt: float) -> None:
-    """Let the scale's growth of a slot act for dt [s]."""
+    """Let what grows in a slot, a scale and a bias, act for dt [s]."""
     for k in range(3):
         bank[SCALE + k, slot * KINDS + SCALE_GROWS] += dt
+    bank[ACCEL + 2, slot * KINDS + ACCEL_GROWS] += dt
 
 
 @kernel
