@@ -14,7 +14,7 @@ from polar_nav_tools.experiments.evidence.drawn import Drawn, world_of
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.jobs import RunResult
 from polar_nav_tools.experiments.mismatch.judge import Course, Deviation, HealthReport
-from polar_nav_tools.experiments.request import rows_matching
+from polar_nav_tools.experiments.request import Size, rows_matching
 from polar_nav_tools.experiments.schedule import FixSpec, clairvoyant
 from polar_nav_tools.experiments.world import make_world
 
@@ -193,6 +193,19 @@ def test_settings_leave_the_reference_alone():
         'exact': {},
     }
     assert price.EXACT['accel_bias_walk'] == 0.0
+
+
+@pytest.mark.parametrize('rows', [None, 'station, racetrack'])
+def test_quiet_hours_share_no_noise(rows):
+    """Whatever rows are asked for, a case has the same seeds."""
+    experiment = experiment_named('quiet')
+    jobs = experiment.plan(Request(rows=rows, first_seed=7), Size(300.0, 3), experiment.columns)
+    seeds = {(job.case.name, job.seed) for job in jobs}
+    assert len({seed for _, seed in seeds}) == len(seeds) == 3 * len({n for n, _ in seeds})
+    cases = [case.name for case in quiet.cases(300.0)]
+    assert {s for n, s in seeds if n == 'station'} == {
+        7 + 3 * cases.index('station') + k for k in range(3)
+    }
 
 
 @pytest.mark.slow

@@ -27,17 +27,30 @@ _PACE_S = 60.0
 
 
 def experiment_of(
-    name: str, doc: str, sizes: tuple[Size, Size], cases: MakeCases, tables: MakeTables
+    name: str,
+    doc: str,
+    sizes: tuple[Size, Size],
+    cases: MakeCases,
+    tables: MakeTables,
+    *,
+    apart: bool = False,
 ) -> Experiment:
-    """Return the experiment of some cases; ``sizes`` are the full and the quick one."""
+    """Return the experiment of some cases; ``sizes`` are the full and the quick one.
+
+    Cases of a seed share its noise, which compares them. ``apart``: each has seeds of its own, so
+    that what chance does once is not counted in every case.
+    """
     columns = tuple(dict.fromkeys(c for case in cases(_PACE_S) for c in case.columns))
 
     def plan(request: Request, size: Size, chosen: Sequence[str]) -> list[EvidenceJob]:
         engine = dict(request.choices.engine)
-        first = request.first_seed
+        made = cases(size.duration_s)
+        wanted = {case.name for case in _chosen(made, request.rows)}
+        firsts = [request.first_seed + k * size.seeds * apart for k in range(len(made))]
         return [
             EvidenceJob(case, column, seed, {} if column in case.fixed else engine)
-            for case in _chosen(cases(size.duration_s), request.rows)
+            for case, first in zip(made, firsts, strict=True)
+            if case.name in wanted
             for seed in range(first, first + size.seeds)
             for column in chosen
             if column in case.columns
@@ -45,9 +58,12 @@ def experiment_of(
 
     def all_tables(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
         first = request.first_seed
-        seeds = f'Seeds {first} to {first + size.seeds - 1}, runs of {size.duration_s:g} s. '
-        made = tables(_chosen(cases(size.duration_s), request.rows), results, size)
-        return [replace(table, note=seeds + table.note) for table in made]
+        made = cases(size.duration_s)
+        last = first + size.seeds * (len(made) if apart else 1) - 1
+        own = f', {size.seeds} of its own for each case' if apart else ''
+        seeds = f'Seeds {first} to {last}{own}, runs of {size.duration_s:g} s. '
+        found = tables(_chosen(made, request.rows), results, size)
+        return [replace(table, note=seeds + table.note) for table in found]
 
     def read(settings: Sequence[str], names: Sequence[str] | None) -> dict[str, Any]:
         for setting in settings:

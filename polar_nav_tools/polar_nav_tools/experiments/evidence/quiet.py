@@ -126,4 +126,5 @@ QUIET: Experiment = experiment_of(
     (Size(1800.0, 20), Size(300.0, 1)),
     cases,
     tables,
+    apart=True,
 )
