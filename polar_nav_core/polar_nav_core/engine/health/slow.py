@@ -12,10 +12,10 @@ from ...arrays import Array, Ints
 from ...kernels.sins import hypotheses as hy
 from .conditions import Condition, Culprit, Level
 
-_OF_PAIR = 29.5
+_OF_PAIR = 27.0
 """T of a pair, a chi-square (2), that is a WARN (docs/derivations/signatures.md, 3)."""
 _OF_ONE = 25.0
-"""That of a kind alone, a chi-square (1): as rare without a fault as the other of a pair."""
+"""That of a kind alone, a chi-square (1)."""
 _LIMITS = np.full(hy.KINDS, _OF_ONE)
 for _first in hy.PAIRS:
     _LIMITS[_first : _first + 2] = _OF_PAIR
