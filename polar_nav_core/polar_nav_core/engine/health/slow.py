@@ -239,7 +239,8 @@ def _words(slot: Array, kind: int) -> str:
     size = size_of(slot, kind)
     if kind == hy.ACCEL_GROWS:
         size = 60.0 * size / _UG
-        return f'the bias of the vertical accelerometer grows by {size:+.2f} ug per minute'
+        how = f'grows by {size:+.2f} ug per minute, or depth drifts,'
+        return f'the bias of the vertical accelerometer {how}'
     if kind == hy.SCALE_GROWS:
         return f'the scale of the DVL changes by {6000.0 * size:+.2f} % per minute'
     return f'the scale of the DVL is {100.0 * size:+.1f} % off'
