@@ -59,9 +59,11 @@ MODULES = {
     'kernels.sins.shock': ('shock',),
     'kernels.sins.signatures': ('evidence', 'gate_rules'),
     'kernels.evidence': ('evidence',),
+    'kernels.watch': ('watch', 'shared_errors'),
     'kernels.imu_sequence': ('refusals',),
     'engine.health.led': ('led',),
     'engine.health.mounting': ('mounting',),
+    'engine.health.slow': ('signatures', 'led'),
     'engine.health.watchdog': ('watchdog', 'shared_errors'),
     'spilled': ('spilled',),
 }
