@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from polar_nav_core.engine.health.conditions import Culprit, Level
-from polar_nav_core.engine.health.slow import Evidence, pair_of, size_of, slow_faults
+from polar_nav_core.engine.health.slow import (
+    Evidence,
+    pair_of,
+    shift_in_sigmas,
+    size_of,
+    slow_faults,
+)
 from polar_nav_core.engine.sins.history import make_past
 from polar_nav_core.kernels.evidence import slot_to_begin
 from polar_nav_core.kernels.sins import consider, shared, signatures
@@ -207,6 +213,57 @@ def test_kinds_of_one_culprit_are_named_and_weighed_together(drift, step):
     assert 'drift by' in condition.sentence
     assert 'have moved by' in condition.sentence
     assert condition.sentence.endswith('moved the position by 4.0 of its stated sigmas')
+
+
+@pytest.mark.parametrize(
+    ('kind', 'zeta', 'words'),
+    [
+        (hy.FIX_EAST, (0.03, 0.04), 'fixes drift by 0.050 m/s to grid 037 deg since'),
+        (hy.STEP_EAST, (-3.0, 0.0), 'fixes have moved by 3.0 m to grid 270 deg since'),
+        (hy.GYRO_X, (3e-7, -4e-7), 'the bias of the horizontal gyros has changed by 0.10 deg/h'),
+        (hy.SCALE_GROWS, (-2e-5,), 'the scale of the DVL changes by -0.12 % per minute since'),
+        (hy.SCALE_STEP, (0.012,), 'the scale of the DVL is +1.2 % off since'),
+        (
+            hy.ACCEL_GROWS,
+            (9.80665e-7,),
+            'the bias of the vertical accelerometer grows by +6.00 ug',
+        ),
+    ],
+)
+def test_a_sentence_has_the_size_in_its_unit(kind, zeta, words):
+    bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
+    bank[hy.LAMBDA] = 1.0
+    which = slice(kind, kind + len(zeta))
+    bank[hy.ZETA, which], bank[hy.STATISTIC, which] = zeta, 50.0
+    (condition,) = slow_faults(Evidence(bank, born_ns, bank[DR : DR + 2]), 1, WIDE)
+    assert condition.sentence.startswith(words)
+
+
+@pytest.mark.parametrize('kind', range(hy.KINDS))
+def test_a_pair_needs_two_more_than_a_kind_alone(kind):
+    limit = 25.0 if kind in ALONE else 27.0
+    bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
+    bank[hy.LAMBDA] = 1.0
+    for statistic in (limit, limit + 0.1):
+        bank[hy.STATISTIC, kind] = statistic
+        found = slow_faults(Evidence(bank, born_ns, bank[DR : DR + 2]), 1, WIDE)
+        assert bool(found) is (statistic > limit)
+
+
+def test_another_kind_of_the_culprit_is_named_after_one_that_is_less_likely():
+    """T of 60, of the DVL 45, of the other kind of fixes 44: a WARN by itself."""
+    bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
+    bank[hy.LAMBDA] = 1.0
+    for kind, statistic in ((hy.FIX_EAST, 60.0), (hy.SCALE_STEP, 45.0), (hy.STEP_EAST, 44.0)):
+        bank[hy.STATISTIC, kind] = statistic
+    (condition,) = slow_faults(Evidence(bank, born_ns, bank[DR : DR + 2]), 1, WIDE)
+    assert condition.culprit == Culprit.FIXES
+    assert 'have moved by' in condition.sentence
+
+
+def test_a_shift_counts_in_sigmas_of_its_direction():
+    P, d = np.array([[4.0, 1.5], [1.5, 1.0]]), np.array([3.0, -0.7])
+    assert shift_in_sigmas(d, P) == pytest.approx(np.sqrt(d @ np.linalg.solve(P, d)))
 
 
 def test_levels_and_kinds_that_explain_the_same():

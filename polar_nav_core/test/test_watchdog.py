@@ -383,6 +383,36 @@ def test_errors_that_last_may_be_of_what_is_between_them(stream, own, rise):
     assert present[0].condition.culprit == own | Culprit.DVL | Culprit.IMU
 
 
+@pytest.mark.parametrize(('stream', 'limit'), [(DVL, 8.5), (DEPTH, 7.0), (FIX, 7.0)])
+def test_blocks_are_told_beyond_their_limit(stream, limit):
+    for more in (0.0, 0.1):
+        kept = memories()
+        kept[stream, watch.SHORT, watch.BLOCK_RISE] = limit + more
+        assert bool(look(kept).present) is (more > 0.0)
+
+
+@pytest.mark.parametrize(('number', 'told'), [(49.0, False), (51.0, True)])
+def test_calm_fixes_are_told_from_fifty_on(number, told):
+    kept = remembered(FIX, watch.LONG, number, NIS=0.4)
+    kept[FIX, watch.LONG, watch.CALM_RISE] = 20.0
+    assert bool(look(kept).present) is told
+
+
+def test_fixes_above_the_estimate_are_of_depth_or_of_fixes():
+    means = {'TRACK': 0.0, 'GRID': 0.0}
+    kept = remembered(FIX, watch.SHORT, 30.0, **means)
+    kept[FIX, watch.SHORT, [watch.GRID + 2, watch.TRACK + 2]] = 30.0 * -1.5
+    health = look(kept)
+    assert health.sentence.startswith('fixes lie +1.5 sigma above the estimate')
+    assert health.culprit == Culprit.FIXES | Culprit.DEPTH
+
+
+@pytest.mark.parametrize(('share', 'told'), [(0.5, False), (0.51, True)])
+def test_more_than_half_of_a_sensor_refused_is_an_error(share, told):
+    health = look(remembered(DVL, watch.SHORT, 30.0, REFUSED=share))
+    assert (health.level is Level.ERROR) is told
+
+
 @pytest.mark.parametrize(('across', 'named'), [(0.9, False), (0.91, True), (-0.91, True)])
 def test_the_heading_is_named_where_nine_tenths_lie_across(across, named):
     health = look(remembered(DVL, watch.SHORT, 30.0, REFUSED=0.6, ACROSS=across))
