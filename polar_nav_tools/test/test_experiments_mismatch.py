@@ -1,6 +1,8 @@
 """The mismatch experiment: faults do what they state, J is a likelihood, few rows at two seeds."""
 
+import inspect
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,18 +18,29 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.sins import hypotheses as hy
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
-from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
+from polar_nav_tools.experiments.mismatch import (
+    dvl_faults,
+    faults,
+    fix_faults,
+    imu_faults,
+    station_faults,
+    worlds,
+)
+from polar_nav_tools.experiments.mismatch.faults import Fault
 from polar_nav_tools.experiments.mismatch.fix_faults import Both
 from polar_nav_tools.experiments.mismatch.health import NAMES, health_history
-from polar_nav_tools.experiments.mismatch.judge import BEYOND_STATED
-from polar_nav_tools.experiments.mismatch.plan import reserve
+from polar_nav_tools.experiments.mismatch.judge import BEYOND_STATED, HealthReport
+from polar_nav_tools.experiments.mismatch.plan import MISMATCH, reserve
 from polar_nav_tools.experiments.mismatch.random_rows import KINDS
 from polar_nav_tools.experiments.mismatch.random_station_rows import KINDS as STATION_KINDS
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
+from polar_nav_tools.experiments.mismatch.runs import VISIBLE, MismatchResult
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
 from polar_nav_tools.experiments.mismatch.station_faults import StationBoth
+from polar_nav_tools.experiments.mismatch.table import tables
 from polar_nav_tools.experiments.mismatch.visible import SMALL, information, visibility
+from polar_nav_tools.experiments.request import Size
 from polar_nav_tools.experiments.schedule import FixSpec
 
 SHORT = SinsScene(
@@ -362,3 +375,57 @@ def test_a_world_is_never_changed_in_place():
 def test_scenes_of_both_modes_are_there():
     assert (SINS.mode, STATION.mode) == ('sins', 'station')
     assert warm_scene('station').duration_s == 10.0
+
+
+@pytest.mark.parametrize('module', [dvl_faults, fix_faults, imu_faults, faults, station_faults])
+def test_faults_that_a_seed_draws_say_so(module):
+    found = (x for x in vars(module).values() if isinstance(x, type) and issubclass(x, Fault))
+    for fault in found:
+        if fault.__module__ == module.__name__:
+            text = inspect.getsource(fault)
+            assert fault.DRAWS is ('worlds.drawn(' in text or 'stream(' in text), fault
+
+
+def test_two_faults_are_drawn_where_one_is():
+    plain, drawn = faults.ImuStep(accel_ug=1.0), faults.FixColoured(sigma=1.0)
+    assert [fix_faults.both(*p).is_drawn() for p in ((plain, plain), (plain, drawn))] == [
+        False,
+        True,
+    ]
+
+
+def test_a_drawn_fault_is_visible_at_each_seed_when_it_is():
+    """Reports 70 s after the first seed's time, of which the second seed sees the fault later."""
+    request = Request(rows='fix_coloured,imu_temperature', seeds=2, first_seed=7)
+    size = Size(1200.0, 2)
+    asked = [j for j in MISMATCH.plan(request, size, ['default']) if j.column == VISIBLE]
+    assert sorted((j.row.name, j.seed) for j in asked) == [
+        ('fix_coloured', 7), ('fix_coloured', 8), ('imu_temperature', 7),
+    ]  # fmt: skip
+    at = {('fix_coloured', 7): 100.0, ('fix_coloured', 8): 150.0, ('imu_temperature', 7): 100.0}
+    seen = [visible_at(j.row.name, j.seed, at[j.row.name, j.seed]) for j in asked]
+    names = 'fix_coloured', 'imu_temperature'
+    runs = [reported_at(name, seed, 170.0) for name in names for seed in (7, 8)]
+    _, table, _ = tables([*seen, *runs], size, request)
+    lines = {r['row']: r for r in table.records()}
+    assert (lines['fix_coloured']['visible_s'], lines['fix_coloured']['after_s']) == (125.0, 45.0)
+    assert lines['imu_temperature']['after_s'] == 70.0
+    never = visible_at('fix_coloured', 8, math.nan)
+    later = [*(r for r in seen if r.seed == 7), never, *runs]
+    _, table, _ = tables(later, size, request)
+    assert {r['row']: r for r in table.records()}['fix_coloured']['after_s'] == 70.0
+
+
+def visible_at(name, seed, from_s):
+    """Result of the job that says when a fault is visible at a seed."""
+    metrics = {'visible_s': from_s, 'visible_sigmas': 6.0}
+    return MismatchResult(name, VISIBLE, seed, metrics, math.nan, '', {}, 0.0)
+
+
+def reported_at(name, seed, stamp_s):
+    """Result of a run that is wrong and says so at a time."""
+    metrics = dict.fromkeys(('rms', 'end', 'said', 'wrong', 'covered', 'warnings', 'errors'), 1.0)
+    metrics |= {'wrong_s': 60.0, 'named_s': stamp_s, 'first_s': stamp_s}
+    said = HealthReport(round(stamp_s * 1e9), 1, 'something', 'imu|fixes')
+    more = {'said_first': said, 'said_right': said}
+    return MismatchResult(name, 'default', seed, metrics, math.nan, '', {}, 0.0, **more)

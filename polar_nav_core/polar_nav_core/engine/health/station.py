@@ -38,7 +38,7 @@ _DRAG_SIGMAS = 3.0
 _DRAG_FACTOR = 4.0
 """Estimated drag beyond the stated one by this factor is implausible."""
 _EITHER = Culprit.MODEL | Culprit.FIXES
-_BEYOND = 24.0
+_BEYOND = 20.0
 """T that is a WARN: in 51 h without a fault it reached 17 (docs/derivations/signatures.md, 6)."""
 
 

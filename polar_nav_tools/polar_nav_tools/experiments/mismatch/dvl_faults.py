@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -86,6 +87,7 @@ def _grown(since_s: Array, ramp_s: float) -> Array:
 class DvlSlow(Fault):
     """Slow DVL errors: Gauss-Markov velocity [m/s] and a constant scale per axis."""
 
+    DRAWS: ClassVar[bool] = True
     sigma: float
     tau_s: float
     scale_sigma: float
@@ -127,6 +129,7 @@ class DvlPlace(Fault):
 class DvlBadPings(Fault):
     """A share of pings with errors of ``sigma`` on every axis, stated as good."""
 
+    DRAWS: ClassVar[bool] = True
     share: float
     sigma: float
 
@@ -200,6 +203,7 @@ class DvlBias(Fault):
 class DvlOneSided(Fault):
     """A share of pings that are too fast along x by ``size`` [m/s], as of a wrong beam."""
 
+    DRAWS: ClassVar[bool] = True
     share: float
     size: float
 
@@ -233,6 +237,7 @@ class DvlFreezes(Fault):
 class DvlLate(Fault):
     """Pings late by a time that differs from ping to ping, or that grows [s]."""
 
+    DRAWS: ClassVar[bool] = True
     most_s: float
     ramp_s: float = 0.0
 
@@ -256,6 +261,7 @@ class DvlLate(Fault):
 class DvlMixes(Fault):
     """Velocity through a matrix: error M v of instrument axes, as of a beam that is lost."""
 
+    DRAWS: ClassVar[bool] = True
     matrix: tuple[tuple[float, float, float], ...]
     noise: float = 0.0
 
@@ -273,6 +279,7 @@ class DvlMixes(Fault):
 class DvlFish(Fault):
     """For ``length_s`` each ``every_s`` pings are of something that moves at ``speed`` [m/s]."""
 
+    DRAWS: ClassVar[bool] = True
     speed: float
     length_s: float
     every_s: float
@@ -330,6 +337,7 @@ class DepthGain(Fault):
 class DepthSpikes(Fault):
     """A share of depths that are too large by ``size_m``."""
 
+    DRAWS: ClassVar[bool] = True
     share: float
     size_m: float
 

@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -49,6 +49,8 @@ class Fault:
         Whether it is visible without any filter, as missing messages are.
     """
 
+    DRAWS: ClassVar[bool] = False
+    """Whether the seed of a world draws its shape."""
     start_s: float = 0.0
     known: Mapping[str, Any] = field(default_factory=dict)
     for_all: Mapping[str, Any] = field(default_factory=dict)
@@ -58,6 +60,10 @@ class Fault:
         """World with ``scale`` times the fault."""
         del scale
         return world
+
+    def is_drawn(self) -> bool:
+        """Whether it has another shape at each seed, which is visible at another time."""
+        return self.DRAWS
 
     def _on(self, time_s: Array) -> Array:
         """1 from the fault's start on, shape (n, 1)."""
@@ -131,6 +137,7 @@ class ImuGain(Fault):
 class ImuNoise(Fault):
     """Further white noise of the IMU, as by vibration or by an IMU below the stated class."""
 
+    DRAWS: ClassVar[bool] = True
     gyro_density: float
     accel_density: float
 
@@ -302,6 +309,7 @@ class FixLever(Fault):
 class FixOutliers(Fault):
     """A share of fixes off by ``low_m`` to ``high_m`` in any horizontal direction."""
 
+    DRAWS: ClassVar[bool] = True
     share: float
     low_m: float = 10.0
     high_m: float = 30.0
@@ -320,6 +328,7 @@ class FixOutliers(Fault):
 class FixOneSided(Fault):
     """A share of fixes off by the same vector for a time, as by one echo [m], [s]."""
 
+    DRAWS: ClassVar[bool] = True
     share: float
     offset_m: float
     length_s: float
@@ -338,6 +347,7 @@ class FixOneSided(Fault):
 class FixTails(Fault):
     """Further horizontal errors of fixes with heavy tails: Student's t, 2.5 degrees, scale [m]."""
 
+    DRAWS: ClassVar[bool] = True
     sigma: float
 
     def applied(self, world: World, scale: float) -> World:
@@ -353,6 +363,7 @@ class FixTails(Fault):
 class FixColoured(Fault):
     """Further errors of fixes, unstated: Gauss-Markov, or white for ``tau_s`` 0; horizontal."""
 
+    DRAWS: ClassVar[bool] = True
     sigma: float
     tau_s: float = 0.0
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -51,6 +52,7 @@ class FixWaves(Fault):
 class FixWalks(Fault):
     """Fixes whose common error walks, by ``density`` per axis [m/sqrt(s)]."""
 
+    DRAWS: ClassVar[bool] = True
     density: float
 
     def applied(self, world: World, scale: float) -> World:
@@ -68,6 +70,7 @@ class FixWalks(Fault):
 class FixMirrored(Fault):
     """Left and right confused by an array ``distance_m`` away, for a time or a share of fixes."""
 
+    DRAWS: ClassVar[bool] = True
     distance_m: float
     length_s: float = math.inf
     share: float = 1.0
@@ -85,6 +88,7 @@ class FixMirrored(Fault):
 class FixTimes(Fault):
     """Validity stated late by a time that differs from fix to fix, up to ``most_s``."""
 
+    DRAWS: ClassVar[bool] = True
     most_s: float
 
     def applied(self, world: World, scale: float) -> World:
@@ -212,6 +216,10 @@ class Both(Fault):
     def applied(self, world: World, scale: float) -> World:
         """World with both."""
         return self.other.applied(self.one.applied(world, scale), scale)
+
+    def is_drawn(self) -> bool:
+        """Whether one of them has another shape at each seed."""
+        return self.one.is_drawn() or self.other.is_drawn()
 
 
 def both(one: Fault, other: Fault) -> Both:

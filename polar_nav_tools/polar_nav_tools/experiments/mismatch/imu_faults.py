@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -50,6 +51,7 @@ class ImuWarms(Fault):
 class ImuStamps(Fault):
     """Stamps that are late [s], scatter (1-sigma) [s] or are rounded down to a tick [s]."""
 
+    DRAWS: ClassVar[bool] = True
     late_s: float = 0.0
     jitter_s: float = 0.0
     tick_s: float = 0.0
@@ -73,6 +75,7 @@ class ImuStamps(Fault):
 class ImuBursts(Fault):
     """Samples missing for ``length_s`` each ``every_s``, on average."""
 
+    DRAWS: ClassVar[bool] = True
     every_s: float
     length_s: float
 
@@ -118,6 +121,7 @@ class ImuAxisStuck(Fault):
 class ImuSpikes(Fault):
     """Single samples off by a rate [rad/s] and a force [m/s^2], each ``every_s`` on average."""
 
+    DRAWS: ClassVar[bool] = True
     every_s: float
     rate: float
     force: float

@@ -57,7 +57,10 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[MismatchJ
         if not row.is_control:
             visible = 'when the fault is visible'
             stated = {**reserve(row.mode), **row.scene.changes}
-            jobs.append(MismatchJob(row, VISIBLE, visible, first, stated))
+            jobs += [
+                MismatchJob(row, VISIBLE, visible, seed, stated)
+                for seed in range(first, first + (size.seeds if row.fault.is_drawn() else 1))
+            ]
         for seed in range(first, first + size.seeds):
             jobs += _row_jobs(row, seed, columns, request.choices)
     # Rows of one scene have the world of a seed in common, which takes longer to make than to run.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -78,6 +79,7 @@ class StationError(StationFault):
 class RangeOutliers(StationFault):
     """A share of ranges off by ``size_m``, either way or always too long."""
 
+    DRAWS: ClassVar[bool] = True
     share: float
     size_m: float
     one_sided: bool = False
@@ -295,6 +297,10 @@ class StationBoth(StationFault):
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World with both."""
         return self.other.applied(self.one.applied(world, scale), scale)
+
+    def is_drawn(self) -> bool:
+        """Whether one of them has another shape at each seed."""
+        return self.one.is_drawn() or self.other.is_drawn()
 
 
 def wrapped(angle: float) -> float:

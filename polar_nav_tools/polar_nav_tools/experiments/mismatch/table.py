@@ -30,7 +30,7 @@ _COLUMNS = (
     Column('silent', 'beyond 4σ while OK', '%', doc='share of the second half, worst seed'),
     Column('wrong_s', 'wrong from', 's', doc='first seed, since the start of the run'),
     Column('refused', 'refused fix/DVL/depth', '%'),
-    Column('visible_s', 'visible at', 's', doc='since the start of the run'),
+    Column('visible_s', 'visible at', 's', doc='since the start of the run, median'),
     Column('sigmas', 'seen by', 'σ', doc='at the end, by a filter that knows the shape'),
     Column('reported', 'reported', doc='seeds that blamed a right culprit or nothing'),
     Column('after_s', 'after', 's', doc='median of the right reports, since visible'),
@@ -73,15 +73,12 @@ def _filters(row: Row, by_key: _Grouped) -> Iterator[tuple[str, list[MismatchRes
 
 
 def _lines(row: Row, by_key: _Grouped) -> Iterator[dict[str, object]]:
-    seen = by_key.get((row.name, VISIBLE))
-    visible_s = seen[0].metrics['visible_s'] if seen else 0.0
-    sigmas = seen[0].metrics['visible_sigmas'] if seen else math.nan
-    if row.invisible:
-        visible_s = math.nan
+    seen = by_key.get((row.name, VISIBLE), [])
+    sigmas = _median([r.metrics['visible_sigmas'] for r in seen])
     best = by_key.get((row.name, BEST))
     least = _pooled(best, 'rms') if best else math.nan
     for column, runs in _filters(row, by_key):
-        line = _line(row, column, runs, visible_s)
+        line = _line(row, column, runs, [_visible_s(row, r.seed, seen) for r in runs])
         rms = line.get('rms_m')
         if isinstance(rms, float) and least > 0.0 and column != BEST:
             line['x_best'] = rms / least
@@ -90,10 +87,29 @@ def _lines(row: Row, by_key: _Grouped) -> Iterator[dict[str, object]]:
         yield line
 
 
+def _visible_s(row: Row, seed: int, seen: Sequence[MismatchResult]) -> float:
+    """When a row is visible at a seed [s]: at its own, where the seed draws the fault's shape."""
+    if row.invisible:
+        return math.nan
+    at = {r.seed: r.metrics['visible_s'] for r in seen}
+    return at.get(seed, min(at.values())) if at else 0.0
+
+
+def _median(values: Sequence[float]) -> float:
+    """Median of those that are numbers; NaN without any."""
+    numbers = [x for x in values if not math.isnan(x)]
+    return float(np.median(numbers)) if numbers else math.nan
+
+
 def _line(
-    row: Row, column: str, runs: Sequence[MismatchResult], visible_s: float
+    row: Row, column: str, runs: Sequence[MismatchResult], visible_s: Sequence[float]
 ) -> dict[str, object]:
-    after = [r.metrics['named_s'] - visible_s for r in runs if r.said_right is not None]
+    """Cells of a filter in a row; ``visible_s`` of each run."""
+    after = [
+        r.metrics['named_s'] - at
+        for r, at in zip(runs, visible_s, strict=True)
+        if r.said_right is not None
+    ]
     wrong_s = [x for x in (r.metrics['wrong_s'] for r in runs) if not math.isnan(x)]
     words = [r.said_first for r in runs if r.said_first is not None]
     out: dict[str, object] = {
@@ -112,15 +128,17 @@ def _line(
     if column == BEST:  # it has no watchdog
         return out
     out['silent'] = 100.0 * max(r.metrics.get('silent', 0.0) for r in runs)
-    verdicts = [verdict_of_run(r, visible_s, row.beyond_stated) for r in runs]
+    verdicts = [
+        verdict_of_run(r, at, row.beyond_stated) for r, at in zip(runs, visible_s, strict=True)
+    ]
     out['verdict'] = max(verdicts, key=SEVERITY.index)
-    if not row.is_control and not math.isnan(visible_s):
-        out['visible_s'] = visible_s
+    if not row.is_control and not math.isnan(_median(visible_s)):
+        out['visible_s'] = _median(visible_s)
     if wrong_s:
         out['wrong_s'] = min(wrong_s)
     out['reported'] = f'{len(after)}/{len(runs)}'
-    if after and not math.isnan(visible_s):
-        out['after_s'] = float(np.median(after))
+    if not math.isnan(_median(after)):
+        out['after_s'] = _median(after)
     if words:
         out['by'] = f'{("OK", "WARN", "ERROR")[words[0].level]}: {words[0].culprit}'
     return out
