@@ -279,6 +279,34 @@ def test_fixes_to_one_side_of_the_map_may_be_either():
     assert look(kept).culprit == Culprit.MODEL | Culprit.FIXES
 
 
+@pytest.mark.parametrize(
+    ('number', 'nis', 'told'),
+    [(60.0, 1.5, False), (60.0, 1.65, True), (12.0, 2.0, False), (12.0, 2.3, True)],
+)
+def test_a_scatter_is_told_where_its_number_shows_it(number, nis, told):
+    """1.6 times the stated variance, and three sigmas of so many fixes."""
+    kept = memories()
+    row = kept[FIX, watch.SHORT]
+    row[watch.WEIGHT] = row[watch.WEIGHT_2] = number
+    row[watch.NIS] = number * nis
+    row[watch.SQUARE : watch.SQUARE + 3] = number
+    found = [p.condition for p in look(kept).present]
+    assert [c.level for c in found] == [Level.WARN] * told
+
+
+@pytest.mark.parametrize('kind', [ss.GROWS, ss.DEVIATES, ss.DRAGS, ss.BEARINGS])
+@pytest.mark.parametrize(
+    ('statistic', 'level'), [(20.0, None), (20.1, Level.WARN), (80.1, Level.ERROR)]
+)
+def test_a_slow_fault_is_told_from_a_limit_on(kind, statistic, level):
+    signatures = np.zeros((2, ss.SIGNATURE_ROWS, ss.KINDS * ss.SLOTS))
+    signatures[:, [ss.LAMBDA, ss.ZETA]] = 1.0
+    signatures[-1, ss.STATISTIC, kind] = signatures[-1, ss.OWN, kind] = statistic
+    born_ns = np.full(ss.SLOTS, 10**11)
+    found = only(signatures=signatures, weight=np.ones(1), born_ns=born_ns)
+    assert (found and found.level) == level
+
+
 def test_outliers_are_scatter_and_a_warning():
     rng, kept = np.random.default_rng(5), memories()
     for k in range(200):

@@ -39,7 +39,7 @@ _DRAG_FACTOR = 4.0
 """Estimated drag beyond the stated one by this factor is implausible."""
 _EITHER = Culprit.MODEL | Culprit.FIXES
 _BEYOND = 20.0
-"""T that is a WARN: in 51 h without a fault it reached 17 (docs/derivations/signatures.md, 6)."""
+"""T that is a WARN: once in 134 h without a fault (docs/derivations/signatures.md, 6)."""
 
 
 def _growing(x: float, y: float) -> str:
