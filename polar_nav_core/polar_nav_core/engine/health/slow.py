@@ -27,7 +27,10 @@ _CERTAIN = 40.0
 MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
 FAR = 6.0
-"""Where it is so many, a WARN's evidence is enough for an ERROR."""
+"""Where it is so many, less evidence is enough for an ERROR."""
+_SURE = 29.5
+"""T that is enough there, and for what stays said after the evidence has faded: of a hypothesis
+that is two minutes old, chance alone at the limit of a WARN is worth six sigmas."""
 _AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
 of likelihoods is below exp(7), a thousand."""
@@ -111,7 +114,7 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Way | None:
         return None
     bank, _, per_unit_G = evidence
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    if not (statistic > _LIMITS).any():
+    if not statistic.max() > _SURE:
         return None
     way: Way | None = None
     most = MOVED
@@ -167,7 +170,7 @@ def most_likely(
         words, way = described(slot, kind)
         parts.append(f'{words} since about {int(ages_ns[slot]) / 60e9:.0f} min')
         here = shift_in_sigmas(way, P_horizontal)
-        if same and (largest[kind] > _CERTAIN or here > FAR):
+        if same and (largest[kind] > _CERTAIN or (here > FAR and largest[kind] > _SURE)):
             moved = max(moved, here)
     worst = largest[first]
     sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
