@@ -296,7 +296,8 @@ def test_levels_and_kinds_that_explain_the_same():
 @pytest.mark.parametrize(
     ('statistic', 'sigma', 'level'),
     [
-        (29.4, 0.2, Level.WARN),
+        (32.9, 0.2, Level.WARN),
+        (33.1, 0.2, Level.ERROR),
         (39.0, 0.25, Level.WARN),
         (39.0, 0.2, Level.ERROR),
         (41.0, 0.25, Level.ERROR),

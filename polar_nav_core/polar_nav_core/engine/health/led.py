@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Array
 from .conditions import Condition, Culprit, Level
-from .slow import FAR, MOVED, Way, shift_in_sigmas
+from .slow import MOVED, Way, shift_in_sigmas
 
 ENDED_NS = 60_000_000_000
 """After so long without evidence what comes next is another fault."""
@@ -63,7 +63,7 @@ class Led:
             f'fixes have led the position {math.hypot(*led_G):.1f} m to grid {heading:03.0f} deg, '
             f'{moved:.1f} of its stated sigmas, and nothing has led it back'
         )
-        level = Level.ERROR if self._certain or moved > FAR else Level.WARN
+        level = Level.ERROR if self._certain else Level.WARN
         return [Condition('fixes led', level, Culprit.FIXES, sentence)]
 
     def _follow(self, stamp_ns: int, shift_G: Array) -> None:

@@ -26,11 +26,12 @@ _CERTAIN = 40.0
 6.3 of its own sigmas. In a world as stated once in 9,000 h (signatures.md, 4)."""
 MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
-FAR = 6.0
-"""Where it is so many, less evidence is enough for an ERROR."""
-_SURE = 29.5
-"""T that is enough there, and for what stays said after the evidence has faded: of a hypothesis
-that is two minutes old, chance alone at the limit of a WARN is worth six sigmas."""
+_FAR = 6.0
+_SURE = 33.0
+"""Where it is so many, T that is enough for an ERROR. That of a WARN is not: of a drift that began
+two minutes ago, chance alone has moved the position by as many then."""
+_LASTS = 29.5
+"""T of fixes from which on what they have done is said after their evidence has faded."""
 _AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
 of likelihoods is below exp(7), a thousand."""
@@ -97,7 +98,7 @@ class Way(NamedTuple):
     shift_G : (2,) array
         Horizontal, grid axes [m].
     certain : bool
-        Whether its size is known as well as an ERROR asks for.
+        Whether the evidence is as good as an ERROR asks for.
     """
 
     shift_G: Array
@@ -114,7 +115,7 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Way | None:
         return None
     bank, _, per_unit_G = evidence
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    if not statistic.max() > _SURE:
+    if not statistic.max() > _LASTS:
         return None
     way: Way | None = None
     most = MOVED
@@ -124,7 +125,7 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Way | None:
             shift_G = _shift(_of_slot(bank, slot), kind, _of_slot(per_unit_G, slot))
             moved = shift_in_sigmas(shift_G, P_horizontal)
             if moved > most:
-                way, most = Way(shift_G, bool(statistic[slot, kind] > _CERTAIN)), moved
+                way, most = Way(shift_G, _is_certain(float(statistic[slot, kind]), moved)), moved
     return way
 
 
@@ -170,7 +171,7 @@ def most_likely(
         words, way = described(slot, kind)
         parts.append(f'{words} since about {int(ages_ns[slot]) / 60e9:.0f} min')
         here = shift_in_sigmas(way, P_horizontal)
-        if same and (largest[kind] > _CERTAIN or (here > FAR and largest[kind] > _SURE)):
+        if same and _is_certain(largest[kind], here):
             moved = max(moved, here)
     worst = largest[first]
     sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
@@ -179,6 +180,11 @@ def most_likely(
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
     level = Level.ERROR if misled or worst > SEVERE * beyond else Level.WARN
     return Condition('slow fault', level, culprit, sentence)
+
+
+def _is_certain(statistic: float, moved: float) -> bool:
+    """Whether the evidence of what has moved the position by so many sigmas makes an ERROR."""
+    return statistic > (_SURE if moved > _FAR else _CERTAIN)
 
 
 def _of_slot(columns: Array, slot: int) -> Array:
