@@ -1,6 +1,7 @@
 """The mismatch experiment: faults do what they state, J is a likelihood, few rows at two seeds."""
 
 import inspect
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -16,6 +17,7 @@ from polar_nav_core.engine.health.conditions import Culprit
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.sins import hypotheses as hy
+from polar_nav_sim.offline_station import StationScenario
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.mismatch import (
@@ -36,7 +38,7 @@ from polar_nav_tools.experiments.mismatch.random_station_rows import KINDS as ST
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.runs import VISIBLE, MismatchResult
-from polar_nav_tools.experiments.mismatch.scenes import SinsScene
+from polar_nav_tools.experiments.mismatch.scenes import SinsScene, StationScene
 from polar_nav_tools.experiments.mismatch.station_faults import StationBoth
 from polar_nav_tools.experiments.mismatch.table import tables
 from polar_nav_tools.experiments.mismatch.visible import SMALL, information, visibility
@@ -429,3 +431,29 @@ def reported_at(name, seed, stamp_s):
     said = HealthReport(round(stamp_s * 1e9), 1, 'something', 'imu|fixes')
     more = {'said_first': said, 'said_right': said}
     return MismatchResult(name, 'default', seed, metrics, math.nan, '', {}, 0.0, **more)
+
+
+def test_faults_of_a_station_come_in_any_order():
+    """One may take messages away that the other changes."""
+    scene = StationScene(StationScenario(duration_s=60.0))
+    world = scene.make(3)
+    begins = {'start_s': 20.0}
+    ahrs = (
+        station_faults.AhrsOut(length_s=5.0, **begins),
+        station_faults.AhrsHeading(offset_deg=3.0, **begins),
+        station_faults.AhrsDeviation(deg=3.0, **begins),
+    )
+    thrust = (
+        station_faults.ThrustGlitch(silent_s=5.0, **begins),
+        station_faults.ThrustStated(factor=2.0, **begins),
+        station_faults.ThrustLate(late_s=3.0, **begins),
+    )
+    for kinds in (ahrs, thrust):
+        for one, other in itertools.permutations(kinds, 2):
+            made = StationBoth(one=one, other=other).applied(world, 1.0).inputs
+            assert len(made.C_b_G) == len(made.omega_ib_b) == len(made.imu_stamps_ns)
+            assert len(made.force_b) == len(made.control_stamps_ns)
+            np.testing.assert_allclose(np.linalg.det(made.C_b_G), 1.0)
+        twice = StationBoth(one=kinds[0], other=kinds[0]).applied(world, 1.0)
+        once = kinds[0].applied(world, 1.0)
+        np.testing.assert_array_equal(twice.inputs.imu_stamps_ns, once.inputs.imu_stamps_ns)

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from polar_nav_core.arrays import Ints
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_sim.randomness import stream
@@ -40,6 +41,12 @@ def polar_of(fix: Fix) -> PolarFix:
 def with_fixes(world: StationWorld, fixes: tuple[Fix, ...]) -> StationWorld:
     """World with other fixes."""
     return replace(world, inputs=replace(world.inputs, fixes=fixes))
+
+
+def rows_of(world: StationWorld, stamps_ns: Ints) -> Ints:
+    """Row of the run of each message, (n,): another fault may have taken some of them away."""
+    all_ns = world.run.start_ns + np.rint(world.run.t_s * NS).astype(np.int64)
+    return np.searchsorted(all_ns, stamps_ns)
 
 
 def time_s(world: StationWorld, stamp_ns: int) -> float:
@@ -126,7 +133,7 @@ class AhrsHeading(StationFault):
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World whose attitude is turned about up."""
-        since_s = world.run.t_s - self.start_s
+        since_s = world.run.t_s[rows_of(world, world.inputs.imu_stamps_ns)] - self.start_s
         on = (since_s >= 0.0) & (since_s < self.length_s)
         angle_deg = on * (self.offset_deg + self.drift_deg_h * since_s / 3600.0)
         a = scale * np.radians(angle_deg)
@@ -146,7 +153,8 @@ class AhrsOut(StationFault):
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World without these samples; a part of a gap is none."""
-        t, i = world.run.t_s, world.inputs
+        i = world.inputs
+        t = world.run.t_s[rows_of(world, i.imu_stamps_ns)]
         keep = (scale < 1.0) | (t < self.start_s) | (t >= self.start_s + self.length_s)
         kept = replace(
             i,
@@ -165,9 +173,9 @@ class ThrustStated(StationFault):
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World whose thrust messages are too large or small."""
-        on = (world.run.t_s >= self.start_s)[:, None]
-        factor = 1.0 + scale * (self.factor - 1.0) * on
         i = world.inputs
+        t = world.run.t_s[rows_of(world, i.control_stamps_ns)]
+        factor = 1.0 + scale * (self.factor - 1.0) * (t >= self.start_s)[:, None]
         return replace(world, inputs=replace(i, force_b=i.force_b * factor))
 
 
@@ -181,7 +189,8 @@ class ThrustGlitch(StationFault):
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World whose thrust messages are absurd, or missing: the last one holds then."""
-        i, t = world.inputs, world.run.t_s
+        i = world.inputs
+        t = world.run.t_s[rows_of(world, i.control_stamps_ns)]
         force_b = i.force_b.copy()
         absurd = (t >= self.start_s) & (t < self.start_s + max(self.held_s, 0.005))
         if self.force_n:
@@ -242,8 +251,9 @@ class AhrsDeviation(StationFault):
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World whose compass has a deviation."""
-        on = world.run.t_s >= self.start_s
-        a = scale * math.radians(self.deg) * on * np.sin(world.run.psi)
+        rows = rows_of(world, world.inputs.imu_stamps_ns)
+        on = world.run.t_s[rows] >= self.start_s
+        a = scale * math.radians(self.deg) * on * np.sin(world.run.psi[rows])
         turn = np.zeros((len(a), 3, 3))
         turn[:, 0, 0] = turn[:, 1, 1] = np.cos(a)
         turn[:, 1, 0], turn[:, 0, 1] = np.sin(a), -np.sin(a)
@@ -281,7 +291,7 @@ class ThrustLate(StationFault):
         i = world.inputs
         rows = round(self.late_s / float(np.median(np.diff(world.run.t_s))))
         late = np.concatenate([np.repeat(i.force_b[:1], rows, axis=0), i.force_b[:-rows]])
-        on = (world.run.t_s >= self.start_s)[:, None]
+        on = (world.run.t_s[rows_of(world, i.control_stamps_ns)] >= self.start_s)[:, None]
         return replace(
             world, inputs=replace(i, force_b=i.force_b + scale * on * (late - i.force_b))
         )
