@@ -185,7 +185,9 @@ def test_a_fault_that_has_moved_the_position_is_an_error(kind, size):
     (condition,) = judged(world, P)
     statistic = world.bank[hy.STATISTIC, kind]
     assert statistic > 45.0
-    assert (condition.level is Level.ERROR) == (moved > 3.0 or statistic > 100.0)
+    assert (condition.level is Level.ERROR) == (
+        moved > 3.0 or statistic > 4.0 * (25.0 if kind in ALONE else 27.0)
+    )
     (condition,) = judged(world, P * (moved / 12.0) ** 2)
     assert condition.level is Level.ERROR
     words = condition.sentence.split(', which has moved the position by ')[1].split()
@@ -261,6 +263,15 @@ def test_another_kind_of_the_culprit_is_named_after_one_that_is_less_likely():
     assert 'have moved by' in condition.sentence
 
 
+@pytest.mark.parametrize(('step', 'named'), [(26.9, False), (27.1, True)])
+def test_another_kind_of_the_culprit_that_is_less_likely_is_named_from_its_own_limit(step, named):
+    bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
+    bank[hy.LAMBDA] = 1.0
+    bank[hy.STATISTIC, hy.FIX_EAST], bank[hy.STATISTIC, hy.STEP_EAST] = 60.0, step
+    (condition,) = slow_faults(Evidence(bank, born_ns, bank[DR : DR + 2]), 1, WIDE)
+    assert ('have moved by' in condition.sentence) is named
+
+
 def test_a_shift_counts_in_sigmas_of_its_direction():
     P, d = np.array([[4.0, 1.5], [1.5, 1.0]]), np.array([3.0, -0.7])
     assert shift_in_sigmas(d, P) == pytest.approx(np.sqrt(d @ np.linalg.solve(P, d)))
@@ -281,13 +292,13 @@ def test_levels_and_kinds_that_explain_the_same():
     bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 25.1
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.WARN, Culprit.DVL)
-    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 99.9
+    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 107.9
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.WARN, Culprit.FIXES)
-    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 100.1
+    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 108.1
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.ERROR, Culprit.FIXES)
-    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 90.0
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 95.0
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert condition.culprit == Culprit.FIXES | Culprit.DVL
     assert ', or ' in condition.sentence

@@ -87,7 +87,7 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
         return _words(own, kind), _shift(own, kind, per_unit)
 
     ages_ns = stamp_ns - born_ns
-    return [most_likely(statistic, _CULPRITS, described, ages_ns, P_horizontal, _OF_ONE)]
+    return [most_likely(statistic, _CULPRITS, described, ages_ns, P_horizontal, _LIMITS)]
 
 
 class Way(NamedTuple):
@@ -135,7 +135,7 @@ def most_likely(
     described: Callable[[int, int], tuple[str, Array]],
     ages_ns: Ints,
     P_horizontal: Array,
-    beyond: float,
+    limits: Array,
 ) -> Condition:
     """The condition of the slow fault that explains the evidence best, and of all as likely.
 
@@ -155,8 +155,8 @@ def most_likely(
         Since the hypotheses of each slot began [ns].
     P_horizontal : (2, 2) array
         Published covariance of the horizontal position, axes of that way [m^2].
-    beyond : float
-        T that is a WARN of the kind that needs least.
+    limits : (KINDS,) array
+        T of each kind that is a WARN.
     """
     largest = {kind: float(statistic[:, kind].max()) for kind in culprits}
     first = max(largest, key=lambda kind: largest[kind])
@@ -164,7 +164,7 @@ def most_likely(
     parts, moved = [], 0.0
     for kind in sorted(largest, key=lambda kind: -largest[kind]):
         same = culprits[kind] == culprits[first]
-        if not (_is_as_likely(statistic, kind) or (same and largest[kind] > beyond)):
+        if not (_is_as_likely(statistic, kind) or (same and largest[kind] > limits[kind])):
             continue
         culprit |= culprits[kind]
         slot = int(np.argmax(statistic[:, kind]))
@@ -178,7 +178,7 @@ def most_likely(
     misled = moved > MOVED
     if misled:
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
-    level = Level.ERROR if misled or worst > SEVERE * beyond else Level.WARN
+    level = Level.ERROR if misled or worst > SEVERE * limits[first] else Level.WARN
     return Condition('slow fault', level, culprit, sentence)
 
 

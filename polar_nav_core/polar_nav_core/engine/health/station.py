@@ -38,8 +38,8 @@ _DRAG_SIGMAS = 3.0
 _DRAG_FACTOR = 4.0
 """Estimated drag beyond the stated one by this factor is implausible."""
 _EITHER = Culprit.MODEL | Culprit.FIXES
-_BEYOND = 20.0
-"""T that is a WARN: once in 134 h without a fault (docs/derivations/signatures.md, 6)."""
+_LIMITS = np.full(ss.KINDS, 20.0)
+"""T of each kind that is a WARN: one in 134 h without a fault (signatures.md, 6)."""
 
 
 def _growing(x: float, y: float) -> str:
@@ -249,7 +249,7 @@ def _slow(view: StationView) -> list[Condition]:
         return []
     signatures, weight = view.signatures, view.weight
     statistic = signatures[-1, ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
-    if not statistic.max() > _BEYOND:
+    if not (statistic > _LIMITS).any():
         return []
 
     def described(slot: int, kind: int) -> tuple[str, Array]:
@@ -257,7 +257,7 @@ def _slow(view: StationView) -> list[Condition]:
         return _WORDS[kind](*sizes), way
 
     ages_ns = view.stamp_ns - view.born_ns
-    return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal, _BEYOND)]
+    return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal, _LIMITS)]
 
 
 def _size(slot: Array, weight: Array, kind: int) -> tuple[tuple[float, ...], Array]:

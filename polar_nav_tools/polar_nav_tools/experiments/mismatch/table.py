@@ -92,7 +92,7 @@ def _visible_s(row: Row, seed: int, seen: Sequence[MismatchResult]) -> float:
     if row.invisible:
         return math.nan
     at = {r.seed: r.metrics['visible_s'] for r in seen}
-    return at.get(seed, min(at.values())) if at else 0.0
+    return at.get(seed, seen[0].metrics['visible_s']) if at else 0.0
 
 
 def _median(values: Sequence[float]) -> float:
