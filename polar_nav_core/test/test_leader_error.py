@@ -108,7 +108,7 @@ def turned_way(places, sigmas, *, keeps=True, saved_after=None):
 
     The leader is that many metres ahead of where it began, with a heading sigma of 0.01 rad.
     """
-    leader = LeaderError(3600.0, keeps=keeps)
+    leader = LeaderError(3600.0, keeps=keeps, shaped=keeps)
     ahead_e = C_e_G.T @ np.array([0.0, 1.0, 0.0])
     found = []
     for number, (place, sigma) in enumerate(zip(places, sigmas, strict=True), 1):
@@ -118,7 +118,7 @@ def turned_way(places, sigmas, *, keeps=True, saved_after=None):
         found.append(np.linalg.norm(leader.split(fix).columns_e[:, 2] - turn_e))
         if number == saved_after:
             values = leader.packed()
-            leader = LeaderError(3600.0, keeps=keeps)
+            leader = LeaderError(3600.0, keeps=keeps, shaped=keeps)
             leader.unpack(values)
     return np.array(found)
 
@@ -143,7 +143,8 @@ def test_one_packet_is_no_proof_that_something_else_holds_a_leader():
     places = 0.0, 100.0, 1000.0, 102.0, 1000.0, 104.0, 1000.0, 1000.0, 106.0
     found = turned_way(places, [1.0, *[2.0] * (len(places) - 1)])
     expected = [0.0, 1.0, 0.0, 1.02, 0.0, 1.04, 0.0, 0.0, 0.0]
-    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
+    # The heading of now turned a little less of the kilometre in between (`Way`).
+    np.testing.assert_allclose(found, expected, rtol=7e-3, atol=1e-6)
 
 
 def test_a_heading_has_brought_about_no_more_than_sigma_has_grown_by():

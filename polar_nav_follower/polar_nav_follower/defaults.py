@@ -110,6 +110,7 @@ _FIRST: dict[str, Any] = {
     'leader_error_tau': 0.0,
     'leader_id': 1,
     'leader_link': 'present',
+    'leader_shape': 'round',
     'lockstep': False,
     'lost_radius': 1000.0,
     'magnetic_year': 0.0,
@@ -279,6 +280,10 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     26: {
         'imu_shock': 10.0,
+    },
+    27: {
+        'leader_error_tau': 5400.0,
+        'leader_shape': 'way',
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

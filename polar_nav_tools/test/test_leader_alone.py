@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from polar_nav_core.engine.sins.leader_way import SLOW_MPS, SLOW_S
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim.sensors.imu import DPH, MICRO_G
 from polar_nav_sim.sensors.presets import DVL, IMU
@@ -26,6 +27,7 @@ def test_the_filter_knows_the_instruments_that_the_simulation_gives():
     assert p.dvl_markov_sigma == dvl.markov_sigma
     assert p.dvl_markov_tau == dvl.markov_tau_s
     assert p.dvl_sigma == dvl.noise_sigma
+    assert (dvl.markov_sigma, dvl.markov_tau_s) == (SLOW_MPS, SLOW_S)
     assert not any((*imu.gyro_bias_dph, *imu.accel_bias_ug, *dvl.scale, *dvl.bias))
 
 

@@ -194,7 +194,7 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
     )
     usbl_bias_tau: float = param(600.0, 's', 1.0, 1e6, 'Its correlation time')
     leader_error_tau: float = param(
-        3600.0,
+        5400.0,
         's',
         0.0,
         1e6,
@@ -215,6 +215,13 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
         'What the stated heading of a leader may have turned of its way. kept: what its sigma has '
         'grown by, and nothing for good once packets show that something else holds it; present: '
         'what the present packet allows (up to engine 8)',
+    )
+    leader_shape: str = choice(
+        'way',
+        ('way', 'round'),
+        'Shape of the position error of a leader that dead reckons along its stated heading. way: '
+        'half of its variance lies as its way tells; round: all of it is the same in all '
+        'directions (up to engine 26)',
     )
     fix_range_scale_sigma: float = sigma(
         0.005, '', 0.5, '1-sigma of a scale error that all ranges share (sound speed)'

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-ENGINE_VERSION = 26
+ENGINE_VERSION = 27
 """Counts up whenever the same inputs and the same stated parameters give other bits.
 
 So it does when a formula or the order of a sum changes, when a named configuration stands for

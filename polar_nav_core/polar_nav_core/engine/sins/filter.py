@@ -91,8 +91,11 @@ class NavigationFilter:
         if states_every:
             self.settings = self.settings._replace(steps_per_snapshot=states_every)
         shares = self.settings.shares_leader
-        keeps = params.leader_link == 'kept'
-        self.leader = LeaderError(params.leader_error_tau if shares else 0.0, keeps=keeps)
+        self.leader = LeaderError(
+            params.leader_error_tau if shares else 0.0,
+            keeps=params.leader_link == 'kept',
+            shaped=params.leader_shape == 'way',
+        )
         # The block that the oldest fix belongs to begins before it, after a step.
         block_s = (STEPS_PER_BLOCK + 2) * params.filter_period_s
         length_s = params.history_s + (block_s if steps else 0.0)

@@ -16,6 +16,7 @@ from ...arrays import Array
 from ...link.fields import SIGMA_RATIO
 from ..events import Fix
 from .leader_drift import COLUMNS, Drift, Link
+from .leader_way import SLOW_S, Way
 
 ROUNDING = 1.0 / 1.13
 """Share of a stated variance that is sure to be there: a packet rounds sigmas up by 6 %."""
@@ -44,10 +45,19 @@ _BOUNDS = np.array(
         *[(-1e8, 1e8)] * 3,
         *((0.0, 1e9), (0.0, 1e9), (0.0, 1e19), (0.0, 1e8)),
         (0.0, 2.0),
+        *[(-1e8, 1e8)] * 3,
+        *((0.0, 1e8), (0.0, 1e9)),
+        *[(-1e8, 1e8)] * 3,
+        (0.0, 1e19),
+        *[(-1e8, 1e8)] * 2,
+        *((0.0, 1e16), (-1e16, 1e16), (0.0, 1e16)),
+        *((0.0, 1e19), (0.0, SLOW_S)),
     ]
 )
 """Least and largest of each number of `LeaderError.packed`."""
 HEARD = len(_BOUNDS)
+WAY = 16
+"""Of these, those of `Way`."""
 
 
 class Split(NamedTuple):
@@ -193,15 +203,19 @@ class LeaderError:
         Correlation time of the leader's errors [s]; 0: all of a fix's error is its own.
     keeps : bool
         As of `Link`.
+    shaped : bool
+        Whether the position error of a leader that dead reckons has the shape of its way (`Way`),
+        or is the same in all directions, as up to engine 26.
     """
 
-    def __init__(self, tau_s: float, *, keeps: bool = True) -> None:
+    def __init__(self, tau_s: float, *, keeps: bool = True, shaped: bool = True) -> None:
         self._on = tau_s > 0.0
         self._start_e: Array | None = None
         self._position, self._heading = Smooth(tau_s), Smooth(tau_s)
         self._growth = Growth(tau_s)
         self._drift = Drift()
         self._link = Link(keeps=keeps)
+        self._way = Way(tau_s) if shaped else None
         self._known: OrderedDict[tuple[int, int, int], Split] = OrderedDict()
 
     @property
@@ -210,11 +224,12 @@ class LeaderError:
         return self._start_e is not None
 
     def packed(self) -> Array:
-        """All that was heard of the leader, finite numbers (28,), for `unpack`; zeros: nothing."""
+        """All that was heard of the leader, finite numbers (44,), for `unpack`; zeros: nothing."""
         if self._start_e is None:
             return np.zeros(HEARD)
         heard = [*self._position.packed(), *self._heading.packed(), *self._growth.packed()]
         heard += [*self._drift.packed(), *self._link.packed()]
+        heard += [0.0] * WAY if self._way is None else self._way.packed()
         packed: Array = np.clip([*self._start_e, *heard], -_INFINITE, _INFINITE)
         return packed
 
@@ -229,7 +244,9 @@ class LeaderError:
         self._heading.unpack(heard[10:17])
         self._growth.unpack(heard[17:20])
         self._drift.unpack(heard[20:27])
-        self._link.unpack(heard[27:])
+        self._link.unpack(heard[27:28])
+        if self._way is not None:
+            self._way.unpack(heard[28:])
 
     def split(self, fix: Fix) -> Split:
         """Split of the error of a fix; fixes come in the order of reception, some repeatedly.
@@ -257,10 +274,13 @@ class LeaderError:
         by_heading = heading * math.hypot(drift_G[0], drift_G[1])
         grown = self._drift.grown(sigma)
         linked = self._link.at(by_heading, sigma, grown) if sigma > 0.0 else 0.0
-        columns_G = columns(sigma, heading, turn_G, drift_G, linked)
-        constants_G = self._drift.columns(
-            fix.validity_ns, leader_e, C_e_G, sigma, heading, self._link.most
-        )
+        place = fix.validity_ns, leader_e, C_e_G
+        constants_G = self._drift.columns(*place, sigma, heading, self._link.most)
+        if self._way is None or not sigma > 0.0:
+            columns_G = columns(sigma, heading, turn_G, drift_G, linked)
+        else:
+            sigmas = sigma, heading
+            columns_G = self._way.columns(*place, turn_G, sigmas, linked, self._drift)
         rest_G = C_e_G @ fix.covariance_e @ C_e_G.T
         fast = self._growth.at(fix.validity_ns, sigma)
         level = np.diag([1.0, 1.0, 0.0])

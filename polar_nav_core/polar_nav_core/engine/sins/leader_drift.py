@@ -90,6 +90,11 @@ class Drift:
         self._newest, self._newest_ns = 0.0, 0
         self._farthest = 0.0
 
+    @property
+    def start(self) -> float:
+        """Sigma of its position where it began to drift [m]; 0 if nothing is known."""
+        return self._start
+
     def packed(self) -> list[float]:
         """All that it has heard, seven numbers, for `unpack`."""
         heard = (*self._start_e, self._start, self._newest, self._newest_ns, self._farthest)
@@ -104,6 +109,10 @@ class Drift:
         """Most by which a sigma has grown since the drift began [m]; both were rounded."""
         least = self._start if self._start > 0.0 else sigma
         return math.sqrt(max(0.0, SIGMA_RATIO * sigma * sigma - least * least))
+
+    def gained(self, sigma: float) -> float:
+        """Variance that a sigma has gained since then [m^2]."""
+        return max(0.0, sigma * sigma - self._start * self._start)
 
     def columns(
         self,
@@ -140,14 +149,14 @@ class Drift:
                 way_G = np.zeros(3)
             self._newest, self._newest_ns = sigma, stamp_ns
             self._farthest = max(self._farthest, math.hypot(way_G[0], way_G[1]))
-        grown = sigma * sigma - self._start * self._start
+        grown = math.sqrt(self.gained(sigma))
         if not (grown > 0.0 and self._farthest > 0.0):
             return columns
-        rate = math.sqrt(grown) / self._farthest
+        rate = grown / self._farthest
         # Of a linked leader the filter has the turn of the way among its states (leader.columns).
         by_states = min(most, link(heading * self._farthest, sigma)) * heading
         turn = math.sqrt(max(0.0, rate * rate - by_states * by_states))
         columns[:2, 0] = -turn * way_G[1], turn * way_G[0]
         columns[:2, 1] = rate * way_G[:2]
-        columns[0, 2] = columns[1, 3] = self._start * math.sqrt(grown) / sigma
+        columns[0, 2] = columns[1, 3] = self._start * grown / sigma
         return columns

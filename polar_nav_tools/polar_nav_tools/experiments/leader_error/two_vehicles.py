@@ -24,6 +24,7 @@ import numpy as np
 from polar_nav_core.arrays import Array
 from polar_nav_core.engine.sins.leader import Growth, Smooth, columns
 from polar_nav_core.engine.sins.leader_drift import COLUMNS, Drift, Link, link
+from polar_nav_core.engine.sins.leader_way import Way
 
 from . import leader as lead
 from .experiment import SCENARIOS, Scenario
@@ -33,7 +34,7 @@ _DT = 4.0
 _SPEED = 3.0
 _LEG_S = 900.0
 """Of the way there and back that stands for a racetrack."""
-TAU_S = 3600.0
+TAU_S = 5400.0
 """`leader_error_tau`, the follower's default."""
 OWN = 7
 """The follower's errors: position (2), heading, gyro bias, DVL scale, slow velocity (2)."""
@@ -41,6 +42,8 @@ SIGMAS = np.array([5.0, 5.0, math.radians(5.0 / 60.0), 1.45e-7, 0.004, 0.005, 0.
 CALM = np.array([*SIGMAS[:3], 1e-8, 5e-4, 3e-4, 3e-4])
 """Of a follower whose attitude oscillates: its IMU shows the errors of its DVL."""
 _SLOW_S = 300.0
+_ORIGIN_E = np.array([0.0, 0.0, 1.0])
+"""Any place but the origin, which to the engine is none."""
 WHITE = np.eye(2)
 """Covariance of the white error of a fix [m^2]."""
 
@@ -173,12 +176,17 @@ def stated_leader(fixes: Sequence[Moment]) -> Leader:
 
 
 def three_states(
-    fixes: Sequence[Moment], shape: Shape | None = None, *, keeps: bool = True
+    fixes: Sequence[Moment],
+    shape: Shape | None = None,
+    *,
+    tau_s: float = TAU_S,
+    keeps: bool = True,
+    shaped: bool = True,
 ) -> Filter:
-    """Filter with the engine's three states; ``shape``: other columns, ``keeps``: as of `Link`."""
-    smooth = Smooth(TAU_S), Smooth(TAU_S)
-    growth, drift, held = Growth(TAU_S), Drift(), Link(keeps=keeps)
-    decay = math.exp(-_DT / TAU_S)
+    """Filter with the engine's three states; ``shape``: other columns (rest: `LeaderError`)."""
+    smooth = Smooth(tau_s), Smooth(tau_s)
+    growth, drift, held, way = Growth(tau_s), Drift(), Link(keeps=keeps), Way(tau_s)
+    decay = math.exp(-_DT / tau_s)
 
     def rows() -> Iterator[Rows]:
         for m in fixes:
@@ -187,11 +195,14 @@ def three_states(
             turn, turned_way = _level(across(m.line)), _level(across(m.way))
             by_heading = heading * math.hypot(*m.way)
             linked = held.at(by_heading, sigma, drift.grown(sigma)) if sigma > 0.0 else 0.0
-            A = columns(sigma, heading, turn, turned_way, linked)[:2]
+            place = m.stamp_ns, _level(m.way) + _ORIGIN_E, np.eye(3)
+            constants = drift.columns(*place, sigma, heading, held.most)[:2]
+            if shaped and sigma > 0.0:
+                A = way.columns(*place, turn, (sigma, heading), linked, drift)[:2]
+            else:
+                A = columns(sigma, heading, turn, turned_way, linked)[:2]
             if shape is not None:
                 A = shape(m, sigma, heading, A)
-            place = m.stamp_ns, _level(m.way), np.eye(3)
-            constants = drift.columns(*place, sigma, heading, held.most)[:2]
             H = np.hstack([np.eye(2, OWN), -A])
             Q = np.concatenate([m.own[1], np.full(3, 1.0 - decay**2)])
             R = WHITE + growth.at(m.stamp_ns, sigma) * np.eye(2)
