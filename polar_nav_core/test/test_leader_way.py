@@ -96,6 +96,18 @@ def test_where_no_heading_explains_it_the_error_is_round(case):
         np.testing.assert_allclose(a, round_one, atol=1e-12)
 
 
+def test_a_leader_that_turns_back_has_a_round_error_and_a_heading_that_has_turned_its_way():
+    """Columns that swing with each leg show themselves to the filter within one."""
+    out = np.outer(np.arange(100) * 8.0, [0.0, 1.0])
+    places_G = np.vstack([out, out[::-1], out, out[::-1]])
+    sigmas = np.linspace(1.0, 8.0, 400)
+    A = driven(places_G, sigmas)
+    share = np.linalg.norm(A[:, :2, :2] / sigmas[:, None, None] - np.eye(2), axis=(1, 2))
+    assert share[95] > 0.1
+    assert share[150:].max() < 0.3 * share[95]
+    assert np.linalg.norm(A[299, :, 2]) > 0.85 * HEADING * 99.0 * 8.0
+
+
 def test_a_heading_has_turned_no_more_of_the_way_than_sigma_has_grown_by():
     velocity_G, places_G = legs(200, 4.0)
     del velocity_G
@@ -143,7 +155,7 @@ def test_of_a_state_that_knows_nothing_of_the_way_the_error_is_round_at_first():
     drift = Drift()
     driven(places_G[:150], sigmas[:150], drift=drift)
     way = Way(TAU_S)
-    way.unpack([0.0] * 16)
+    way.unpack([0.0] * 17)
     stamp_ns, leader_e = round(151 * 4e9), ORIGIN_E + np.array([*places_G[150], 0.0])
     drift.columns(stamp_ns, leader_e, LEVEL, sigmas[150], HEADING)
     args = stamp_ns, leader_e, LEVEL, np.zeros(3), (sigmas[150], HEADING), 1.0, drift

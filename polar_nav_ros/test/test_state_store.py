@@ -115,7 +115,7 @@ def test_a_state_of_an_older_engine_is_kept_aside_and_it_is_a_first_start(engine
     path.write_bytes(data)
     found = store(path)
     assert found.take(engine.params, START_NS + 10**9) is None
-    assert 'format 1 and engine 3, this is format 6' in found._logger.lines[0]
+    assert 'format 1 and engine 3, this is format 7' in found._logger.lines[0]
     assert 'kept as state.aside, a first start' in found._logger.lines[1]
     found.save(engine)
     assert path.with_name('state.aside').read_bytes() == data

@@ -173,8 +173,8 @@ def test_where_a_leader_turns_back_its_heading_of_now_has_not_turned_its_whole_w
     assert ratio['structured'] < 1.05
     assert ratio['structured, scale'] < ratio['structured']
     assert ratio['present heading'] > 1.2
-    assert ratio['structured'] < ratio['packets'] < 1.2 < ratio['round']
-    assert ratio['packets, finer'] > ratio['packets']
+    assert 1.2 < ratio['packets'] < ratio['round']
+    assert ratio['packets, finer'] == pytest.approx(ratio['packets'], rel=0.03)
     assert ratio['packets, correlated'] < ratio['packets, covariance'] < ratio['packets']
 
 

@@ -220,8 +220,8 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
         'way',
         ('way', 'round'),
         'Shape of the position error of a leader that dead reckons along its stated heading. way: '
-        'half of its variance lies as its way tells; round: all of it is the same in all '
-        'directions (up to engine 26)',
+        'as its way tells, as far as it sails straight; round: the same in all directions (up to '
+        'engine 26)',
     )
     fix_range_scale_sigma: float = sigma(
         0.005, '', 0.5, '1-sigma of a scale error that all ranges share (sound speed)'

@@ -12,7 +12,7 @@ import numpy as np
 from ...arrays import Array
 from .leader_drift import FALL, Drift
 
-ALIKE = 0.4
+ALIKE = 0.3
 """Of the stated variance, the share that is the same in all directions: what a way cannot tell."""
 SLOW_MPS, SLOW_S = 0.002, 300.0
 """Slow error of a leader's DVL and its correlation time: those of the leader's own defaults."""
@@ -35,18 +35,18 @@ class Way:
         self._begin(0, np.zeros(3))
 
     def packed(self) -> list[float]:
-        """All that it has heard, sixteen numbers, for `unpack`."""
+        """All that it has heard, seventeen numbers, for `unpack`."""
         (xx, xy), (_, yy) = self._turned.tolist()
-        heard = (*self._start_e, self._farthest, self._newest, *self._last_e, self._stamp_ns)
-        heard += (*self._faded, xx, xy, yy, self._slow, self._pulled)
-        return [float(value) for value in heard]
+        heard = (*self._start_e, self._farthest, self._sailed, self._newest, *self._last_e)
+        turned = (self._stamp_ns, *self._faded, xx, xy, yy, self._slow, self._pulled)
+        return [float(value) for value in (*heard, *turned)]
 
     def unpack(self, values: list[float]) -> None:
         """Replace what it has heard; zeros are nothing."""
-        self._start_e, self._last_e = np.array(values[:3]), np.array(values[5:8])
-        self._farthest, self._newest = values[3:5]
-        self._stamp_ns, self._faded = int(values[8]), np.array(values[9:11])
-        xx, xy, yy, self._slow, self._pulled = values[11:]
+        self._start_e, self._last_e = np.array(values[:3]), np.array(values[6:9])
+        self._farthest, self._sailed, self._newest = values[3:6]
+        self._stamp_ns, self._faded = int(values[9]), np.array(values[10:12])
+        xx, xy, yy, self._slow, self._pulled = values[12:]
         self._turned = np.array([[xx, xy], [xy, yy]])
 
     def columns(
@@ -89,12 +89,13 @@ class Way:
         gained = drift.gained(position)
         slow = min(SLOW_MPS**2 * self._slow, gained)
         rate = math.sqrt(gained - slow) / self._farthest if self._farthest > 0.0 else 0.0
-        along, across = rate**2, max(0.0, rate**2 - by_heading**2)
-        P = along * np.outer(way, way) + across * np.outer(_turned(way), _turned(way))
+        unexplained = max(0.0, rate**2 - by_heading**2)
+        P = rate**2 * np.outer(way, way) + unexplained * np.outer(_across(way), _across(way))
         P += by_heading**2 * (self._turned - np.outer(self._faded, self._faded))
         P += (drift.start**2 + slow) * np.eye(2)
         explained = min(1.0, by_heading / rate) if rate > 0.0 else 0.0
-        shaped = (1.0 - ALIKE) * linked**2 * explained
+        straight = math.hypot(*way) / self._sailed if self._sailed > 0.0 else 0.0
+        shaped = (1.0 - ALIKE) * (linked * min(1.0, straight)) ** 2 * explained
         A = np.zeros((3, 3))
         A[:2, :2] = _square_root(shaped * P + (1.0 - shaped) * position**2 * np.eye(2))
         A[:, 2] = heading * turn_G
@@ -112,7 +113,8 @@ class Way:
         self._newest = position
         self._farthest = max(self._farthest, math.hypot(*(C_e_G @ (leader_e - self._start_e))[:2]))
         dt = (stamp_ns - self._stamp_ns) * 1e-9
-        turn = _turned((C_e_G @ (leader_e - self._last_e))[:2])
+        turn = _across((C_e_G @ (leader_e - self._last_e))[:2])
+        self._sailed += math.hypot(*turn)
         crossed = np.outer(turn, self._faded)
         self._turned = self._turned + crossed + crossed.T + np.outer(turn, turn)
         self._faded = (self._faded + turn) * math.exp(-dt / self._tau_s)
@@ -125,7 +127,7 @@ class Way:
 
     def _begin(self, stamp_ns: int, start_e: Array) -> None:
         self._start_e, self._last_e, self._stamp_ns = start_e.copy(), start_e.copy(), stamp_ns
-        self._farthest = self._newest = 0.0
+        self._farthest = self._sailed = self._newest = 0.0
         self._faded = np.zeros(2)
         """Up x way, as far as the heading error of now has turned it [m]."""
         self._turned = np.zeros((2, 2))
@@ -133,7 +135,7 @@ class Way:
         self._slow = self._pulled = 0.0
 
 
-def _turned(r_G: Array) -> Array:
+def _across(r_G: Array) -> Array:
     """Return up x r, (2,), of the horizontal part of r."""
     return np.array([-r_G[1], r_G[0]])
 
