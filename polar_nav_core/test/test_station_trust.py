@@ -250,14 +250,14 @@ def test_fixes_that_are_followed_are_an_error_where_they_jumped():
 
 def test_a_current_that_there_is_not_is_an_error():
     limits = Envelope(20.0, 6000.0, max_current=3.0)
-    views = [view(memories(), current=current) for current in (2.9, 3.1)]
+    views = [view(memories(), current=np.array([0.0, speed])) for speed in (2.9, 3.1)]
     weak, strong = (StationWatchdog(limits).look(one, []).present for one in views)
     assert not weak
     (said,) = (p.condition for p in strong)
     assert (said.key, said.level) == ('current', Level.ERROR)
     assert said.culprit == Culprit.FIXES | Culprit.MODEL
     assert '3.1 m/s is stronger than max_current 3.0 m/s' in said.sentence
-    assert only(current=99.0) is None  # as much as there is
+    assert only(current=np.array([99.0, 0.0])) is None  # as much as there is
 
 
 def test_fixes_behind_on_every_course_are_a_vehicle_that_does_not_obey_its_model():
@@ -305,6 +305,31 @@ def test_a_slow_fault_is_told_from_a_limit_on(kind, statistic, level):
     born_ns = np.full(ss.SLOTS, 10**11)
     found = only(signatures=signatures, weight=np.ones(1), born_ns=born_ns)
     assert (found and found.level) == level
+
+
+@pytest.mark.parametrize(
+    ('kind', 'stays'), [(ss.GROWS, True), (ss.RANGES, True), (ss.DEVIATES, False)]
+)
+def test_what_fixes_may_have_done_stays_said_once_its_evidence_has_faded(kind, stays):
+    """Ranges that drift are a current to the filter, and it follows; a compass is none."""
+    watchdog, second = StationWatchdog(Envelope(20.0, 6000.0)), 10**9
+    signatures = np.zeros((2, ss.SIGNATURE_ROWS, ss.KINDS * ss.SLOTS))
+    signatures[:, [ss.LAMBDA, ss.ZETA]] = 1.0
+    signatures[-1, [ss.STATISTIC, ss.OWN], kind] = 25.0
+    rows = {
+        'signatures': signatures,
+        'weight': np.ones(1),
+        'born_ns': np.full(ss.SLOTS, 600 * second),
+    }
+    said = []
+    for k in range(1, 1000):
+        changed = {'current': np.array([0.0, 0.1 if k > 600 else 0.0])}
+        shown = rows if 620 < k < 640 else {}
+        one = view(memories(), stamp_ns=k * second, **changed, **shown)
+        present = watchdog.look(one, []).present
+        said.append({p.condition.key for p in present})
+    assert 'slow fault' in said[630]
+    assert said[-1] == ({'current or fixes'} if stays else set())
 
 
 def test_outliers_are_scatter_and_a_warning():

@@ -54,6 +54,16 @@ def test_pooled_numbers():
     assert pooled.band(2, 3) == pytest.approx((0.0499, 4.018), rel=2e-3)
 
 
+def test_a_ratio_needs_something_to_compare_with():
+    """A reference that was not run, or stopped, is no infinite error that anything is below."""
+    over, stopped = [result(rms=2.0)], result()
+    assert pooled.ratio_cells(over, [result(rms=1.9)], 1.01)['met'] is False
+    assert pooled.ratio_cells(over, [result(rms=2.0)], 1.01) == {'ratio': 1.0, 'met': True}
+    assert pooled.ratio_cells([stopped], [result(rms=2.0)], 1.01)['met'] is False
+    assert pooled.ratio_cells(over, [stopped], 1.01) == {}
+    assert pooled.ratio_cells(over, [], 1.01) == {}
+
+
 def test_fixes_judged_otherwise_are_counted_by_seed():
     a = [replace(result(1), series={'fused': np.array([1.0, 0.0, 1.0])})]
     b = [replace(result(1), series={'fused': np.array([1.0, 1.0, 1.0])}), result(2)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ...kernels import watch
 from ...kernels.station import state as ss
 from .conditions import Condition, Culprit, Level, fixes_followed, lately_s
 from .deviation import Deviation
+from .drifted import Drifted
 from .slow import MOVED, most_likely, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
 from .view import Envelope, View
@@ -125,8 +126,8 @@ class StationView(View):
         Way to fixes that were refused at first and followed at last, station axes [m].
     jumped : bool
         Whether some of them had jumped farther than the vehicle can have moved.
-    current : float
-        Size of the estimated current [m/s].
+    current : (2,) array
+        Estimated current, station axes [m/s].
     psi, turn : float or None
         Heading of the AHRS, and its newest turn that its own rates do not explain [rad].
     heading_sigma : float
@@ -147,7 +148,7 @@ class StationView(View):
     born_ns: Ints | None = None
     followed: Array | None = None
     jumped: bool = False
-    current: float = 0.0
+    current: Array = field(default_factory=lambda: np.zeros(2))
     psi: float | None = None
     turn: float = 0.0
     heading_sigma: float = math.inf
@@ -159,14 +160,19 @@ class StationWatchdog(Watchdog):
     def __init__(self, envelope: Envelope) -> None:
         super().__init__(envelope)
         self._deviation = Deviation()
+        self._drifted = Drifted()
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
         found = [*_disagreement(s), *_reopened(view), *_careful(s), *scatter(s, DEPTH)]
         if isinstance(view, StationView):
+            slow = _slow(view)
+            began_ns = _began_ns(view, slow)
+            place = view.current, began_ns, view.P_horizontal
+            found += self._drifted.look(view.stamp_ns, *place)
             found += [
                 *_loosened(view),
-                *_slow(view),
+                *slow,
                 *_followed(view),
                 *_turned(view),
                 *_ahrs_gap(view),
@@ -260,6 +266,19 @@ def _slow(view: StationView) -> list[Condition]:
     return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal, _LIMITS)]
 
 
+def _began_ns(view: StationView, slow: list[Condition]) -> int | None:
+    """When the likeliest hypothesis began of fixes that drift or a current that changes [ns].
+
+    None where nothing of the kind is said.
+    """
+    shown = any(condition.culprit & Culprit.FIXES for condition in slow)
+    if not shown or view.signatures is None or view.born_ns is None:
+        return None
+    statistic = view.signatures[-1, ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
+    of_fixes = [kind for kind, culprit in _CULPRITS.items() if culprit & Culprit.FIXES]
+    return int(view.born_ns[np.argmax(statistic[:, of_fixes].max(axis=1))])
+
+
 def _size(slot: Array, weight: Array, kind: int) -> tuple[tuple[float, ...], Array]:
     """Size of a fault that fits best, of a slot's columns, and the way it has moved x and y.
 
@@ -288,10 +307,11 @@ def _followed(view: StationView) -> list[Condition]:
 
 def _current(view: StationView, envelope: Envelope) -> list[Condition]:
     """A current that there is not: nothing else can explain what moves fixes like that."""
-    if view.current <= envelope.max_current:
+    speed = math.hypot(*view.current)
+    if speed <= envelope.max_current:
         return []
     sentence = (
-        f'a current of {view.current:.1f} m/s is stronger than max_current '
+        f'a current of {speed:.1f} m/s is stronger than max_current '
         f'{envelope.max_current:.1f} m/s: fixes drift, or the vehicle does not move as its model'
     )
     return [Condition('current', Level.ERROR, _EITHER, sentence)]

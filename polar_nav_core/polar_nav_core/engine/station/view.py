@@ -54,5 +54,5 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
         heading_sigma=math.sqrt(max(0.0, P[ss.HEADING, ss.HEADING])),
         followed=1e-3 * counters[ss.FOLLOWED_MM : ss.FOLLOWED_MM + 2].astype(np.float64),
         jumped=bool(counters[ss.JUMPED]),
-        current=float(np.linalg.norm(x[ss.CURRENT : ss.DRAG])),
+        current=x[ss.CURRENT : ss.DRAG].copy(),
     )

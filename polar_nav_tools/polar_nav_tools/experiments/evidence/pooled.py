@@ -31,6 +31,16 @@ def rms(runs: Sequence[RunResult], key: str = 'rms') -> float:
     return float(np.sqrt(np.mean(values(runs, key) ** 2)))
 
 
+def ratio_cells(
+    over: Sequence[RunResult], under: Sequence[RunResult], goal: float
+) -> dict[str, object]:
+    """Ratio of both RMS, and whether it is at most the goal; empty without one to compare with."""
+    if not np.isfinite(rms(under)):
+        return {}
+    ratio = rms(over) / rms(under)
+    return {'ratio': ratio, 'met': bool(ratio <= goal)}
+
+
 def spread_of_ratio(
     over: Sequence[RunResult], under: Sequence[RunResult], key: str = 'rms'
 ) -> str:

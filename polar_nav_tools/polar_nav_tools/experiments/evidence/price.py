@@ -25,7 +25,7 @@ from .case import Case
 from .drawn import Drawn, world_of
 from .late import CLASSES
 from .plan import experiment_of, of
-from .pooled import NEES_COLUMNS, nees_cells, nees_note, rms, spread_of_ratio, values
+from .pooled import NEES_COLUMNS, nees_cells, nees_note, ratio_cells, rms, spread_of_ratio, values
 
 GOAL = 1.15
 _USUAL = EngineParams()
@@ -96,7 +96,7 @@ def tables(chosen: Sequence[Case], results: Sequence[RunResult], size: Size) -> 
     drawn = [_honesty(c, results) for c in chosen if 'exact' not in c.columns]
     out = []
     if perfect:
-        met = sum(bool(row['met']) for row in perfect)
+        met = sum(bool(row.get('met')) for row in perfect)
         columns = (
             Column('case', 'world'),
             Column('rms', 'default', 'm'),
@@ -125,16 +125,14 @@ def tables(chosen: Sequence[Case], results: Sequence[RunResult], size: Size) -> 
 
 def _price(case: Case, results: Sequence[RunResult]) -> dict[str, object]:
     runs, exact = of(results, case, 'default'), of(results, case, 'exact')
-    ratio = rms(runs) / rms(exact)
     return {
         'case': case.name,
         'rms': rms(runs),
         'reference': rms(exact),
-        'ratio': ratio,
         'spread': spread_of_ratio(runs, exact),
         **nees_cells(runs),
         'exact_nees': nees_cells(exact).get('nees_position'),
-        'met': bool(ratio <= GOAL),
+        **ratio_cells(runs, exact, GOAL),
     }
 
 
