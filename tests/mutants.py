@@ -66,6 +66,8 @@ MODULES = {
     'engine.health.slow': ('signatures', 'led'),
     'engine.health.watchdog': ('watchdog', 'shared_errors'),
     'spilled': ('spilled',),
+    'engine.sins.leader_way': ('leader_way', 'leader_error'),
+    'engine.health.drifted': ('drifted',),
 }
 """Modules, and the tests that judge them, quickest first (``core/test/test_<name>.py``)."""
 

@@ -64,6 +64,24 @@ def test_what_began_with_the_run_is_counted_from_the_first_current_that_is_known
     assert not any(told(Drifted(), [(600, changed(0.1), 0)]))
 
 
+@pytest.mark.parametrize('began_s', [700, 9999])
+def test_what_begins_now_counts_from_now(began_s):
+    found = told(Drifted(), [(699, USUAL, None), (321, changed(0.1), began_s)])
+    (condition,) = found[-1]
+    assert 'since 5 min ago' in condition.sentence
+    assert 'led the position 32 m' in condition.sentence
+
+
+def test_the_current_before_is_the_mean_of_two_minutes():
+    """Not of what was before them, and up to the moment from which the change counts."""
+    spans = [(481, changed(5.0), None), (120, USUAL, None), (400, changed(0.1), 601)]
+    (condition,) = told(Drifted(), spans)[-1]
+    assert 'led the position 40 m' in condition.sentence
+    spans = [(541, changed(0.1), None), (60, USUAL, None), (400, changed(0.15), 601)]
+    (condition,) = told(Drifted(), spans)[-1]
+    assert 'led the position 40 m' in condition.sentence
+
+
 def test_what_is_older_than_all_that_is_known_is_counted_from_there():
     long_s = KEPT_NS // S + 2000
     drifted = Drifted()

@@ -88,7 +88,8 @@ class Drifted:
         Where it began with the run, the first current that is known.
         """
         past = [*self._past, (self._stamp_ns, self._way)]
-        at = next((k for k, (ns, _) in enumerate(past) if ns >= began_ns), len(past) - 1)
+        began_ns = min(began_ns, self._stamp_ns)
+        at = next(k for k, (ns, _) in enumerate(past) if ns >= began_ns)
         since_ns, way = past[at]
         first = next(k for k, (ns, _) in enumerate(past) if ns >= since_ns - USUAL_NS)
         at = max(at, min(1, len(past) - 1))
