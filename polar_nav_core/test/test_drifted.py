@@ -12,14 +12,15 @@ P = 100.0 * np.eye(2)
 USUAL = np.array([0.2, -0.1])
 
 
-def told(drifted, spans, P_horizontal=P, begin_s=0):
+def told(drifted, spans, P_horizontal=P, begin_s=0, sigma=0.0):
     """Conditions at each second of (seconds, current, when it began [s] or None) in a row."""
     found, second = [], begin_s
     for seconds, current, began_s in spans:
         for _ in range(seconds):
             second += 1
             began_ns = None if began_s is None else began_s * S
-            found.append(drifted.look(second * S, np.array(current), began_ns, P_horizontal))
+            place = np.array(current), sigma**2 * np.eye(2), began_ns, P_horizontal
+            found.append(drifted.look(second * S, *place))
     return found
 
 
@@ -40,7 +41,14 @@ def test_it_is_said_from_three_sigmas_on_and_after_the_evidence_has_faded():
     (condition,) = found[-1]
     assert (condition.level, condition.culprit) == (Level.WARN, Culprit.FIXES | Culprit.MODEL)
     assert 'since 15 min ago (0.10 m/s now)' in condition.sentence
-    assert 'led the position 91 m, 9.1 of its stated sigmas' in condition.sentence
+    assert 'led the position 91 m, 9.1 sigmas' in condition.sentence
+
+
+def test_a_current_that_was_not_known_may_have_been_another():
+    """As at the start of a run, where the estimate has yet to find it."""
+    spans = [(600, USUAL, None), (1000, changed(0.1), 600)]
+    assert told(Drifted(), spans, sigma=0.03)[-1]  # 100 m, with 10 and 30 m
+    assert not told(Drifted(), spans, sigma=0.032)[-1]
 
 
 def test_it_ends_where_the_way_has_come_back():

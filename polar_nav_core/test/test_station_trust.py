@@ -294,11 +294,21 @@ def test_a_scatter_is_told_where_its_number_shows_it(number, nis, told):
     assert [c.level for c in found] == [Level.WARN] * told
 
 
-@pytest.mark.parametrize('kind', [ss.GROWS, ss.DEVIATES, ss.DRAGS, ss.BEARINGS])
 @pytest.mark.parametrize(
-    ('statistic', 'level'), [(20.0, None), (20.1, Level.WARN), (80.1, Level.ERROR)]
+    ('kind', 'limit'),
+    [
+        (ss.GROWS, 20.0),
+        (ss.DEVIATES, 20.0),
+        (ss.DRAGS, 17.0),
+        (ss.TURNS, 17.0),
+        (ss.BEARINGS, 17.0),
+    ],
 )
-def test_a_slow_fault_is_told_from_a_limit_on(kind, statistic, level):
+@pytest.mark.parametrize(
+    ('factor', 'level'), [(1.0, None), (1.01, Level.WARN), (4.01, Level.ERROR)]
+)
+def test_a_slow_fault_is_told_from_a_limit_on(kind, limit, factor, level):
+    statistic = factor * limit
     signatures = np.zeros((2, ss.SIGNATURE_ROWS, ss.KINDS * ss.SLOTS))
     signatures[:, [ss.LAMBDA, ss.ZETA]] = 1.0
     signatures[-1, ss.STATISTIC, kind] = signatures[-1, ss.OWN, kind] = statistic

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,18 +27,40 @@ ENDS = 2.5
 """Sigmas below which what was said (from MOVED on) ends: between fixes the sigma swings."""
 
 
+class _Moment(NamedTuple):
+    """A moment of the past.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    way : (2,) array
+        Of the current since the first look [m].
+    variance : float
+        Of the current per axis [m^2/s^2].
+    """
+
+    stamp_ns: int
+    way: Array
+    variance: float
+
+
 class Drifted:
     """Way that a change of the current has made since it was shown; `look` says if it is far."""
 
     def __init__(self) -> None:
         self._stamp_ns = 0
         self._way = np.zeros(2)  # of the current, since the first look
-        self._past: deque[tuple[int, Array]] = deque()
-        self._since: tuple[int, Array, Array] | None = None  # when, the way until then, current
+        self._past: deque[_Moment] = deque()
+        self._since: tuple[_Moment, Array] | None = None  # and the current before
         self._is_said = False
 
     def look(
-        self, stamp_ns: int, current: Array, began_ns: int | None, P_horizontal: Array
+        self,
+        stamp_ns: int,
+        current: Array,
+        P_current: Array,
+        began_ns: int | None,
+        P_horizontal: Array,
     ) -> list[Condition]:
         """The condition that nothing has shown which of both it was, if it makes a difference.
 
@@ -46,6 +69,9 @@ class Drifted:
         stamp_ns : int
         current : (2,) array
             As it is estimated, station axes [m/s].
+        P_current : (2, 2) array
+            Its published covariance [m^2/s^2]. That of before the change makes the way that it
+            has made since as uncertain.
         began_ns : int or None
             When that began of which there is evidence now: fixes that drift, or a current that
             changes; None without. The first one counts.
@@ -56,43 +82,46 @@ class Drifted:
             self._way = self._way + (stamp_ns - self._stamp_ns) * 1e-9 * current
         self._stamp_ns = stamp_ns
         if self._since is None:
+            now = _Moment(stamp_ns, self._way, float(np.linalg.eigvalsh(P_current)[-1]))
             if began_ns is None:
-                self._note(stamp_ns)
+                self._note(now)
                 return []
-            self._since = self._before(began_ns, current)
-        since_ns, way, usual = self._since
-        led = self._way - way - (stamp_ns - since_ns) * 1e-9 * usual
-        moved = shift_in_sigmas(led, P_horizontal)
+            self._since = self._before(began_ns, now, current)
+        since, usual = self._since
+        since_s = (stamp_ns - since.stamp_ns) * 1e-9
+        led = self._way - since.way - since_s * usual
+        moved = shift_in_sigmas(led, P_horizontal + since_s**2 * since.variance * np.eye(2))
         self._is_said = moved > (ENDS if self._is_said else MOVED)
         if not self._is_said:
             return []
         speed = math.hypot(*(current - usual))
         sentence = (
-            f'the current, or what fixes do, has changed since {(stamp_ns - since_ns) / 60e9:.0f} '
+            f'the current, or what fixes do, has changed since {since_s / 60.0:.0f} '
             f'min ago ({speed:.2f} m/s now), and nothing shows which: if fixes drift, they have '
-            f'led the position {math.hypot(*led):.0f} m, {moved:.1f} of its stated sigmas'
+            f'led the position {math.hypot(*led):.0f} m, {moved:.1f} sigmas'
         )
         culprit = Culprit.FIXES | Culprit.MODEL
         return [Condition('current or fixes', Level.WARN, culprit, sentence)]
 
-    def _note(self, stamp_ns: int) -> None:
+    def _note(self, now: _Moment) -> None:
         past = self._past
-        if not past or stamp_ns - past[-1][0] >= EVERY_NS:
-            past.append((stamp_ns, self._way))
-        while stamp_ns - past[0][0] > KEPT_NS + USUAL_NS:
+        if not past or now.stamp_ns - past[-1].stamp_ns >= EVERY_NS:
+            past.append(now)
+        while now.stamp_ns - past[0].stamp_ns > KEPT_NS + USUAL_NS:
             past.popleft()
 
-    def _before(self, began_ns: int, current: Array) -> tuple[int, Array, Array]:
-        """When it began, as far as is known, the way until then, and the current before.
+    def _before(self, began_ns: int, now: _Moment, current: Array) -> tuple[_Moment, Array]:
+        """The moment when it began, as far as is known, and the current before.
 
         Where it began with the run, the first current that is known.
         """
-        past = [*self._past, (self._stamp_ns, self._way)]
-        began_ns = min(began_ns, self._stamp_ns)
-        at = next(k for k, (ns, _) in enumerate(past) if ns >= began_ns)
-        since_ns, way = past[at]
-        first = next(k for k, (ns, _) in enumerate(past) if ns >= since_ns - USUAL_NS)
-        at = max(at, min(1, len(past) - 1))
-        span_s = (past[at][0] - past[first][0]) * 1e-9
-        usual = (past[at][1] - past[first][1]) / span_s if span_s > 0.0 else current.copy()
-        return since_ns, way, usual
+        past = [*self._past, now]
+        began_ns = min(began_ns, now.stamp_ns)
+        at = next(k for k, moment in enumerate(past) if moment.stamp_ns >= began_ns)
+        since = past[at]
+        usual_ns = since.stamp_ns - USUAL_NS
+        first = next(moment for moment in past if moment.stamp_ns >= usual_ns)
+        last = past[max(at, min(1, len(past) - 1))]
+        span_s = (last.stamp_ns - first.stamp_ns) * 1e-9
+        usual = (last.way - first.way) / span_s if span_s > 0.0 else current.copy()
+        return since, usual

@@ -39,8 +39,9 @@ _DRAG_SIGMAS = 3.0
 _DRAG_FACTOR = 4.0
 """Estimated drag beyond the stated one by this factor is implausible."""
 _EITHER = Culprit.MODEL | Culprit.FIXES
-_LIMITS = np.full(ss.KINDS, 20.0)
-"""T of each kind that is a WARN: one in 134 h without a fault (signatures.md, 6)."""
+_LIMITS = np.full(ss.KINDS, 17.0)
+"""T of each kind that is a WARN, by measurement without a fault (signatures.md, 6)."""
+_LIMITS[: ss.DRAGS] = 20.0  # pairs, a chi-square (2)
 
 
 def _growing(x: float, y: float) -> str:
@@ -126,8 +127,8 @@ class StationView(View):
         Way to fixes that were refused at first and followed at last, station axes [m].
     jumped : bool
         Whether some of them had jumped farther than the vehicle can have moved.
-    current : (2,) array
-        Estimated current, station axes [m/s].
+    current, P_current : (2,) and (2, 2) arrays
+        Estimated current, station axes [m/s], and its published covariance.
     psi, turn : float or None
         Heading of the AHRS, and its newest turn that its own rates do not explain [rad].
     heading_sigma : float
@@ -149,6 +150,7 @@ class StationView(View):
     followed: Array | None = None
     jumped: bool = False
     current: Array = field(default_factory=lambda: np.zeros(2))
+    P_current: Array = field(default_factory=lambda: np.zeros((2, 2)))
     psi: float | None = None
     turn: float = 0.0
     heading_sigma: float = math.inf
@@ -168,7 +170,7 @@ class StationWatchdog(Watchdog):
         if isinstance(view, StationView):
             slow = _slow(view)
             began_ns = _began_ns(view, slow)
-            place = view.current, began_ns, view.P_horizontal
+            place = view.current, view.P_current, began_ns, view.P_horizontal
             found += self._drifted.look(view.stamp_ns, *place)
             found += [
                 *_loosened(view),

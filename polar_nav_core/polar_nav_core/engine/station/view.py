@@ -55,4 +55,5 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
         followed=1e-3 * counters[ss.FOLLOWED_MM : ss.FOLLOWED_MM + 2].astype(np.float64),
         jumped=bool(counters[ss.JUMPED]),
         current=x[ss.CURRENT : ss.DRAG].copy(),
+        P_current=P[ss.CURRENT : ss.DRAG, ss.CURRENT : ss.DRAG].copy(),
     )
