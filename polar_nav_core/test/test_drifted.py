@@ -19,7 +19,7 @@ def told(drifted, spans, P_horizontal=P, begin_s=0, sigma=0.0):
         for _ in range(seconds):
             second += 1
             began_ns = None if began_s is None else began_s * S
-            place = np.array(current), sigma**2 * np.eye(2), began_ns, P_horizontal
+            place = np.array(current), (sigma * np.eye(2)) ** 2, began_ns, P_horizontal
             found.append(drifted.look(second * S, *place))
     return found
 
@@ -34,14 +34,14 @@ def test_a_current_that_changes_is_no_fault_while_nothing_shows_one():
 
 def test_it_is_said_from_three_sigmas_on_and_after_the_evidence_has_faded():
     spans = [(600, USUAL, None), (60, changed(0.1), None), (60, changed(0.1), 600)]
-    found = told(Drifted(), [*spans, (800, changed(0.1), None)])
+    found = told(Drifted(), [*spans, (1920, changed(0.1), None)])
     (first,) = (k for k, one in enumerate(found) if one and not found[k - 1])
     assert first == pytest.approx(900, abs=5)  # 0.1 m/s since 600 s: 30 m
     assert all(found[first:])
     (condition,) = found[-1]
     assert (condition.level, condition.culprit) == (Level.WARN, Culprit.FIXES | Culprit.MODEL)
-    assert 'since 15 min ago (0.10 m/s now)' in condition.sentence
-    assert 'led the position 91 m, 9.1 sigmas' in condition.sentence
+    assert 'since 34 min ago (0.10 m/s now)' in condition.sentence
+    assert 'led the position 202 m, 20.2 sigmas' in condition.sentence
 
 
 def test_a_current_that_was_not_known_may_have_been_another():
@@ -49,6 +49,9 @@ def test_a_current_that_was_not_known_may_have_been_another():
     spans = [(600, USUAL, None), (1000, changed(0.1), 600)]
     assert told(Drifted(), spans, sigma=0.03)[-1]  # 100 m, with 10 and 30 m
     assert not told(Drifted(), spans, sigma=0.032)[-1]
+    unlike = np.diag([1.0, 0.1])  # the worst axis counts for both
+    assert told(Drifted(), spans, sigma=0.03 * unlike)[-1]
+    assert not told(Drifted(), spans, sigma=0.032 * unlike)[-1]
 
 
 def test_it_ends_where_the_way_has_come_back():
