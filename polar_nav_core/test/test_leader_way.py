@@ -155,7 +155,7 @@ def test_of_a_state_that_knows_nothing_of_the_way_the_error_is_round_at_first():
     drift = Drift()
     driven(places_G[:150], sigmas[:150], drift=drift)
     way = Way(TAU_S)
-    way.unpack([0.0] * 17)
+    way.unpack([0.0] * 16)
     stamp_ns, leader_e = round(151 * 4e9), ORIGIN_E + np.array([*places_G[150], 0.0])
     drift.columns(stamp_ns, leader_e, LEVEL, sigmas[150], HEADING)
     args = stamp_ns, leader_e, LEVEL, np.zeros(3), (sigmas[150], HEADING), 1.0, drift

@@ -164,6 +164,17 @@ def test_three_states_are_within_a_twentieth_of_all_that_packets_tell(name, own_
     assert max(found['published'].position, found['published'].heading) < 1.1
 
 
+def test_leaders_between_are_judged_by_the_same_ratios():
+    scenario = dataclasses.replace(_scenario('0.5 %, 30 min'), duration_s=600.0)
+    found = two_vehicles.run(scenario)
+    given, best, nees, before = nearer.between(scenario, two_vehicles.SIGMAS)
+    assert given == found['packets'].rms / found['structured'].rms
+    assert best == found['packets'].rms / found['centralised'].rms
+    assert nees == max(found['published'].position, found['published'].heading)
+    assert before != given
+    assert not {s.name for s in nearer.BETWEEN} & {s.name for s in experiment.SCENARIOS}
+
+
 @pytest.mark.slow
 def test_where_a_leader_turns_back_its_heading_of_now_has_not_turned_its_whole_way():
     """What the three states cannot hold; neither along and across nor finer sigmas replace it."""

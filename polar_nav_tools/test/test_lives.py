@@ -353,26 +353,13 @@ def test_a_missing_message_in_either_life_is_a_difference(killed, tmp_path, life
     assert not verify(imu).equal
 
 
-@pytest.mark.parametrize('lacks_s', [None, 6.0, 9.0])
-def test_a_recording_with_a_hole_is_compared_until_shortly_before_it(killed, tmp_path, lacks_s):
-    """Its recorder was killed, and went on in a next file.
-
-    A ping of the DVL that many seconds before was still in a queue of it; the states after it, 2 s
-    late, were not.
-    """
+def test_a_recording_with_a_hole_is_compared_up_to_it(killed, tmp_path):
+    """Its recorder was killed, and went on in a next file."""
     source = open_bag(killed)
     records = list(source.records())
-    cut = next(k for k, r in enumerate(records) if r.log_time_ns > records[0].log_time_ns + 26 * S)
-    lacking = [
-        r
-        for r in records[:cut]
-        if lacks_s is not None
-        and r.topic == f'/follower/{topics.DVL}'
-        and r.log_time_ns > records[cut].log_time_ns - lacks_s * S
-    ][:1]
+    cut = next(k for k, r in enumerate(records) if r.log_time_ns > records[0].log_time_ns + 20 * S)
     whole = load_inputs(killed).lives
-    first_part = [r for r in records[:cut] if r not in lacking]
-    for resume, part in ((False, first_part), (True, records[cut + 300 :])):
+    for resume, part in ((False, records[:cut]), (True, records[cut + 300 :])):
         writer = BagWriter(tmp_path / 'torn', {}, resume=resume)
         for topic, known in source.topics.items():
             writer.add_topic(topic, known.type, described=source.definition(topic))
@@ -385,7 +372,7 @@ def test_a_recording_with_a_hole_is_compared_until_shortly_before_it(killed, tmp
             writer.abandon()
     torn = open_bag(tmp_path / 'torn')
     assert [f.path.name for f in torn.files] == ['torn_0.mcap', 'torn_1.mcap']
-    assert torn.message_count == len(records) - 300 - len(lacking)
+    assert torn.message_count == len(records) - 300
     said = ' '.join(torn.problems)
     assert 'torn_0.mcap: the recording was not finished' in said
     assert 'torn_1.mcap: goes on ' in said
@@ -394,8 +381,8 @@ def test_a_recording_with_a_hole_is_compared_until_shortly_before_it(killed, tmp
     assert second.torn
     assert 0 < len(second.live[topics.STATE]) < len(whole[1].live[topics.STATE]) - 50
     result = verify(torn)
-    assert result.equal is (lacks_s != 9.0), result.difference
-    assert result.lives_text.endswith('(up to 5 s before the hole in the recording)')
+    assert result.equal, result.difference
+    assert result.lives_text.endswith('(up to the hole in the recording)')
 
 
 def test_another_configuration_is_replayed_in_each_life(killed):

@@ -37,7 +37,7 @@ SINCE: Final[dict[int, dict[str, tuple[str, tuple[int, ...]]]]] = {
 GROWN: Final[dict[int, dict[str, dict[str, tuple[int, ...]]]]] = {
     3: {'sins 24': {'leader': (27,), 'sensitivity': (24, 16)}},
     5: {'sins 24': {'leader': (28,)}},
-    7: {'sins 24': {'leader': (45,)}},
+    7: {'sins 24': {'leader': (44,)}},
 }
 """By format and layout: arrays that were shorter in older ones, their shapes; zeros as above."""
 _HEAD: Final = struct.Struct('<8sH32sQ')

@@ -137,9 +137,7 @@ def _print(result: VerifyResult, checked: Check | None) -> None:
     if result.equal:
         sys.stdout.write('equal, bit for bit\n')
     if result.torn:
-        sys.stdout.write(
-            'what was published from 5 s before a hole in the recording is not compared\n'
-        )
+        sys.stdout.write('what was published after a hole in the recording is not compared\n')
     if checked is None:
         return
     for note in checked.notes:

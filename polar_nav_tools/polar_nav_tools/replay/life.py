@@ -44,8 +44,8 @@ class Life:
     messages : sequence of (str, message)
         Inputs by topic without the vehicle, each topic in its order; read when gone through.
     live : mapping of str to list of bytes
-        What it published on the compared topics; until shortly before the hole in a recording that
-        has one, because inputs of what is nearer may lack. Read when it is asked for.
+        What it published on the compared topics; up to the hole in a recording that has one. Read
+        when it is asked for.
     refused : list of Receipt
         What it refused because it came too late.
     steps : list of ClockStep

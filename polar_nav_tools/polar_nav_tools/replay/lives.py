@@ -126,7 +126,6 @@ def _life(
     outputs = records.outputs
     mine = (outputs['place'] >= begin) & (outputs['place'] < end)
     hole = next((place for place in records.holes if begin <= place < end), _NO_LIMIT)
-    sure = next((place for place in reversed(records.unsure) if place < hole), _NO_LIMIT)
     newest = int(outputs['place'][mine].max(initial=begin))
     limits = next((t for p, t in reversed(records.ends) if begin <= p < end), None)
     # The last one, too, where it names its starts: it was not started again, or runs still.
@@ -174,10 +173,9 @@ def _life(
             taken += len(rows)
         if topic not in _OWN and came > limit:
             dropped[topic] = came - limit, came
-    compared = outputs['place'] < (_NO_LIMIT if hole == _NO_LIMIT else sure)
     return Life(
         messages=Heard(records, heard),
-        live=Live(records.read_outputs, records.compared, mine & compared),
+        live=Live(records.read_outputs, records.compared, mine & (outputs['place'] < hole)),
         refused=refused,
         steps=[s for p, s in records.steps if begin <= p < end and not s.is_start],
         arrivals_ns=() if limited else inputs['arrival_ns'][heard],

@@ -43,10 +43,7 @@ from .used import Used, used_of
 COMPARED = (topics.STATE, topics.RECEIPT)
 """Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
 
-_HOLE, _UNSURE = 'hole', 'unsure'
-UNSURE_NS = 5_000_000_000
-"""Of what arrived so long before a recorder was killed, some may have been waiting in its queues
-while it took the answers."""
+_HOLE = 'hole'
 """Stands for the name of a topic."""
 _TYPES: dict[str, type[Any]] = {
     **SENSORS,
@@ -203,16 +200,11 @@ class _Source:
         blocks = iter(() if self.used is None else self.used.blocks)
         used_names = set() if self.used is None else {f'/{self.vehicle}/{topics.INPUTS}'}
         kept = set[tuple[str, bytes]]()
-        marks = sorted(
-            mark
-            for last_ns, begin_ns in self.bag.holes_ns
-            for mark in ((last_ns - UNSURE_NS, _UNSURE), (begin_ns, _HOLE))
-        )
+        holes_ns = [begin_ns for _, begin_ns in self.bag.holes_ns]
         names = {*self.by_name, *used_names, topics.RUN_INFO}
         for full_name, arrival_ns, data in self.bag.messages(names):
-            while marks and arrival_ns >= marks[0][0]:
-                mark_ns, mark = marks.pop(0)
-                yield _Entry(None, mark, mark_ns, b'')
+            while holes_ns and arrival_ns >= holes_ns[0]:
+                yield _Entry(None, _HOLE, holes_ns.pop(0), b'')
             topic = self.by_name.get(full_name)
             if topic in topics.KEPT:
                 if (topic, data) in kept:
@@ -230,7 +222,7 @@ class _Source:
         if isinstance(content, Taken):
             records.input(str(topic), content.stamp_ns, arrival_ns, mapped=True)
         elif topic is None:
-            records.mark(hole=name == _HOLE) if name in (_HOLE, _UNSURE) else records.born()
+            records.hole() if name == _HOLE else records.born()
         elif topic in self.compared:
             records.output(topic, content)
         elif topic == topics.CLOCK_STEP:

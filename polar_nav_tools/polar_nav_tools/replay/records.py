@@ -145,7 +145,6 @@ class Records:
         self.ends: list[tuple[int, Mapping[str, int]]] = []
         self.births: list[int] = []
         self.holes: list[int] = []
-        self.unsure: list[int] = []
         self.mapped: set[str] = set()
         self._inputs, self._outputs = spilled.Rows(_PLACED), spilled.Rows(_PLACED)
         self._topics: dict[str, int] = {}
@@ -208,9 +207,9 @@ class Records:
         """
         self.births.append(self._next())
 
-    def mark(self, *, hole: bool) -> None:
-        """Add a hole in the recording, or the place from where on it may lack something."""
-        (self.holes if hole else self.unsure).append(self._next())
+    def hole(self) -> None:
+        """Add a hole in the recording."""
+        self.holes.append(self._next())
 
     def _next(self) -> int:
         self._place += 1

@@ -80,7 +80,7 @@ class VerifyResult:
             return ''
         spans = ', '.join(f'{begin:.1f} to {end:.1f} s' for begin, end in self.lives_s)
         number = f'{len(self.lives_s)} lives' if len(self.lives_s) > 1 else '1 life'
-        hole = ' (up to 5 s before the hole in the recording)' if self.torn else ''
+        hole = ' (up to the hole in the recording)' if self.torn else ''
         return f'{number}: {spans}{hole}'
 
     @property

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...arrays import Array
 from .conditions import Condition, Culprit, Level
+from .led import ENDS
 from .slow import MOVED, shift_in_sigmas
 
 KEPT_NS = 1_500_000_000_000
@@ -23,8 +24,6 @@ KEPT_NS = 1_500_000_000_000
 EVERY_NS = 10_000_000_000
 USUAL_NS = 120_000_000_000
 """The current before a change is the mean of so long."""
-ENDS = 2.5
-"""Sigmas below which what was said (from MOVED on) ends: between fixes the sigma swings."""
 
 
 class _Moment(NamedTuple):

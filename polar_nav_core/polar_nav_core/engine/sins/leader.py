@@ -46,7 +46,7 @@ _BOUNDS = np.array(
         *((0.0, 1e9), (0.0, 1e9), (0.0, 1e19), (0.0, 1e8)),
         (0.0, 2.0),
         *[(-1e8, 1e8)] * 3,
-        *((0.0, 1e8), (0.0, _INFINITE), (0.0, 1e9)),
+        *((0.0, 1e8), (0.0, _INFINITE)),
         *[(-1e8, 1e8)] * 3,
         (0.0, 1e19),
         *[(-1e8, 1e8)] * 2,
@@ -56,7 +56,7 @@ _BOUNDS = np.array(
 )
 """Least and largest of each number of `LeaderError.packed`."""
 HEARD = len(_BOUNDS)
-WAY = 17
+WAY = 16
 """Of these, those of `Way`."""
 
 
@@ -224,7 +224,7 @@ class LeaderError:
         return self._start_e is not None
 
     def packed(self) -> Array:
-        """All that was heard of the leader, finite numbers (45,), for `unpack`; zeros: nothing."""
+        """All that was heard of the leader, finite numbers (44,), for `unpack`; zeros: nothing."""
         if self._start_e is None:
             return np.zeros(HEARD)
         heard = [*self._position.packed(), *self._heading.packed(), *self._growth.packed()]

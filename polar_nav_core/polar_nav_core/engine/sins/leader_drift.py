@@ -89,6 +89,12 @@ class Drift:
         self._start = 0.0  # sigma there; 0: nothing is known
         self._newest, self._newest_ns = 0.0, 0
         self._farthest = 0.0
+        self._fell = False
+
+    @property
+    def fell(self) -> bool:
+        """Whether the packet heard last states that the leader got a fix itself."""
+        return self._fell
 
     @property
     def start(self) -> float:
@@ -139,12 +145,13 @@ class Drift:
             `Link.most`.
         """
         columns = np.zeros((3, COLUMNS))
+        self._fell = False
         if not sigma > 0.0:
             return columns
         way_G = C_e_G @ (leader_e - self._start_e)
         if stamp_ns > self._newest_ns or self._start == 0.0:
-            fell = sigma < self._newest * math.exp(-FALL)
-            if self._start == 0.0 or sigma <= self._start or fell:
+            self._fell = sigma < self._newest * math.exp(-FALL)
+            if self._start == 0.0 or sigma <= self._start or self._fell:
                 self._start_e, self._start, self._farthest = leader_e.copy(), sigma, 0.0
                 way_G = np.zeros(3)
             self._newest, self._newest_ns = sigma, stamp_ns

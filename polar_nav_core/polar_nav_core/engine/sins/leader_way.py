@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ...arrays import Array
-from .leader_drift import FALL, Drift
+from .leader_drift import Drift
 
 ALIKE = 0.3
 """Of the stated variance, the share that is the same in all directions: what a way cannot tell."""
@@ -35,18 +35,18 @@ class Way:
         self._begin(0, np.zeros(3))
 
     def packed(self) -> list[float]:
-        """All that it has heard, seventeen numbers, for `unpack`."""
+        """All that it has heard, sixteen numbers, for `unpack`."""
         (xx, xy), (_, yy) = self._turned.tolist()
-        heard = (*self._start_e, self._farthest, self._sailed, self._newest, *self._last_e)
+        heard = (*self._start_e, self._farthest, self._sailed, *self._last_e)
         turned = (self._stamp_ns, *self._faded, xx, xy, yy, self._slow, self._pulled)
         return [float(value) for value in (*heard, *turned)]
 
     def unpack(self, values: list[float]) -> None:
         """Replace what it has heard; zeros are nothing."""
-        self._start_e, self._last_e = np.array(values[:3]), np.array(values[6:9])
-        self._farthest, self._sailed, self._newest = values[3:6]
-        self._stamp_ns, self._faded = int(values[9]), np.array(values[10:12])
-        xx, xy, yy, self._slow, self._pulled = values[12:]
+        self._start_e, self._last_e = np.array(values[:3]), np.array(values[5:8])
+        self._farthest, self._sailed = values[3:5]
+        self._stamp_ns, self._faded = int(values[8]), np.array(values[9:11])
+        xx, xy, yy, self._slow, self._pulled = values[11:]
         self._turned = np.array([[xx, xy], [xy, yy]])
 
     def columns(
@@ -79,7 +79,9 @@ class Way:
             That has heard the same packet.
         """
         position, heading = sigmas
-        self._follow(stamp_ns, leader_e, C_e_G, position)
+        if drift.fell or not self._start_e.any():
+            self._begin(stamp_ns, leader_e)
+        self._follow(stamp_ns, leader_e, C_e_G)
         way = (C_e_G @ (leader_e - self._start_e))[:2]
         by_heading = linked * heading
         turned = math.sqrt(_largest(self._turned))
@@ -102,15 +104,9 @@ class Way:
         A[:2, 2] += by_heading * self._faded
         return A
 
-    def _follow(self, stamp_ns: int, leader_e: Array, C_e_G: Array, position: float) -> None:
-        if not self._start_e.any() or (
-            stamp_ns > self._stamp_ns and position < self._newest * math.exp(-FALL)
-        ):
-            self._begin(stamp_ns, leader_e)
-            self._newest = position
+    def _follow(self, stamp_ns: int, leader_e: Array, C_e_G: Array) -> None:
         if stamp_ns <= self._stamp_ns:
             return
-        self._newest = position
         self._farthest = max(self._farthest, math.hypot(*(C_e_G @ (leader_e - self._start_e))[:2]))
         dt = (stamp_ns - self._stamp_ns) * 1e-9
         turn = _across((C_e_G @ (leader_e - self._last_e))[:2])
@@ -127,7 +123,7 @@ class Way:
 
     def _begin(self, stamp_ns: int, start_e: Array) -> None:
         self._start_e, self._last_e, self._stamp_ns = start_e.copy(), start_e.copy(), stamp_ns
-        self._farthest = self._sailed = self._newest = 0.0
+        self._farthest = self._sailed = 0.0
         self._faded = np.zeros(2)
         """Up x way, as far as the heading error of now has turned it [m]."""
         self._turned = np.zeros((2, 2))

@@ -64,6 +64,14 @@ OTHERS = (
 before shares and times of the engine's columns (`Way`) stood."""
 
 
+BETWEEN = tuple(
+    Scenario(f'{100.0 * share:g} %, {minutes} min', Leader().drift(share), 60.0 * minutes)
+    for share in (3e-4, 1e-3, 2e-3, 3e-3, 1e-2)
+    for minutes in (30, 60, 120)
+)
+"""Leaders that drift by more, less or between, and sail straight: judged, never tuned on."""
+
+
 def _finer(m: Moment, sigma: float, heading: float, columns: Array) -> Array:
     """The engine's columns for sigmas as they were before a packet rounded them."""
     P, _, variance = m.hidden
@@ -140,8 +148,27 @@ def run(scenario: Scenario, own_sigmas: Array = SIGMAS) -> dict[str, tuple[Line,
     return {name: expected(true, fixes, own_sigmas, f) for name, f in filters.items()}
 
 
+def between(scenario: Scenario, own_sigmas: Array) -> tuple[float, float, float, float]:
+    """RMS of the engine's three states x structured and x centralised, NEES, and `round`.
+
+    NEES is the larger one of position and heading, published; `round` is x structured.
+    """
+    fixes = moments(scenario, own_sigmas)
+    filters = (
+        both(scenario.leader, fixes),
+        both(stated_leader(fixes), fixes),
+        three_states(fixes),
+        three_states(fixes, tau_s=3600.0, shaped=False),
+    )
+    lines = [expected(scenario.leader, fixes, own_sigmas, f) for f in filters]
+    best, given, packets, before = (own.rms for own, _ in lines)
+    published = lines[2][1]
+    nees = max(published.position, published.heading)
+    return packets / given, packets / best, nees, before / given
+
+
 def main() -> None:
-    """Print a table of each follower."""
+    """Print a table of each follower, and one of leaders between."""
     rows = []
     for sigmas in (SIGMAS, CALM):
         rows.append(
@@ -156,6 +183,11 @@ def main() -> None:
                     f'{scenario.name:24s} {name:20s} {own.rms / best:13.3f} {own.position:14.2f} '
                     f'{own.heading:8.2f} {published.position:20.2f} {published.heading:8.2f}'
                 )
+    rows.append('leader, follower  x structured  x centralised  NEES  round: x structured')
+    for number, sigmas in enumerate((SIGMAS, CALM), 1):
+        for scenario in BETWEEN:
+            ratios = '  '.join(f'{x:.3f}' for x in between(scenario, sigmas))
+            rows.append(f'{scenario.name:20s} {number}  {ratios}')
     print('\n'.join(rows))  # noqa: T201 - the output of a command
 
 
